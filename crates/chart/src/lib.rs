@@ -1,0 +1,1 @@
+//! Charts: segmentation, parameterization, packing.

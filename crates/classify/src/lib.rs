@@ -1,0 +1,1 @@
+//! Texture triangles and color triangles.

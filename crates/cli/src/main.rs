@@ -1,0 +1,2 @@
+//! The `lightkiln` program.
+fn main() {}

@@ -1,0 +1,1 @@
+//! What is baked: rays, visibility and signals.

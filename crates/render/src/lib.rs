@@ -1,0 +1,1 @@
+//! Pictures of a bake, by rays on the CPU.

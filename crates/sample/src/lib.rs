@@ -1,0 +1,1 @@
+//! Poisson-disk points on surfaces.

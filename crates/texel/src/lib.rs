@@ -1,0 +1,1 @@
+//! Texels: lifting, baking, stitching, dilation, image formats.
