@@ -1,0 +1,1 @@
+//! Packing: places charts in the pages of the atlas.
