@@ -168,3 +168,66 @@ pub fn sheets(mesh: &Mesh) -> (Vec<u32>, usize) {
         .collect();
     (sheet_of, count as usize)
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::VertexId;
+
+    fn mesh(vertices: u32, triangles: &[[u32; 3]]) -> Mesh {
+        let positions = (0..vertices).map(|i| Vec3::new(i as f32, (i * i) as f32, 0.0)).collect();
+        let normals = vec![Vec3::Z; vertices as usize];
+        Mesh::new(positions, normals, triangles.iter().map(|t| t.map(VertexId)).collect()).unwrap()
+    }
+
+    // 2---3
+    // | \ |    one square, two triangles
+    // 0---1
+    const SQUARE: [[u32; 3]; 2] = [[0, 1, 2], [3, 2, 1]];
+
+    #[test]
+    fn adjacency_of_a_square_is_its_diagonal() {
+        let adjacency = Adjacency::new(&mesh(4, &SQUARE));
+        assert_eq!(
+            adjacency.across(TriangleId(0), 1),
+            EdgeKind::Interior { triangle: TriangleId(1), edge: 1 }
+        );
+        assert_eq!(adjacency.across(TriangleId(0), 0), EdgeKind::Boundary);
+        assert_eq!(adjacency.neighbors(TriangleId(1)).collect::<Vec<_>>(), [(1, TriangleId(0))]);
+    }
+
+    #[test]
+    fn adjacency_of_three_at_an_edge_is_non_manifold() {
+        let adjacency = Adjacency::new(&mesh(5, &[[0, 1, 2], [1, 0, 3], [1, 0, 4]]));
+        assert_eq!(adjacency.across(TriangleId(0), 0), EdgeKind::NonManifold);
+        assert_eq!(adjacency.non_manifold_edges(), 1);
+    }
+
+    #[test]
+    fn adjacency_of_opposite_windings_is_non_manifold() {
+        let adjacency = Adjacency::new(&mesh(4, &[[0, 1, 2], [0, 1, 3]]));
+        assert_eq!(adjacency.across(TriangleId(0), 0), EdgeKind::NonManifold);
+    }
+
+    #[test]
+    fn adjacency_of_a_collapsed_triangle_has_no_edge_to_itself() {
+        let adjacency = Adjacency::new(&mesh(3, &[[0, 0, 1], [0, 1, 2]]));
+        assert_eq!(adjacency.across(TriangleId(0), 0), EdgeKind::Boundary);
+    }
+
+    #[test]
+    fn fans_list_each_triangle_once() {
+        let fans = Fans::new(&mesh(4, &[[0, 1, 2], [3, 2, 1], [1, 1, 2]]));
+        assert_eq!(fans.around(VertexId(1)), [TriangleId(0), TriangleId(1), TriangleId(2)]);
+        assert_eq!(fans.around(VertexId(0)), [TriangleId(0)]);
+    }
+
+    #[test]
+    fn sheets_are_numbered_by_first_triangle() {
+        let (sheet_of, count) = sheets(&mesh(9, &[[6, 7, 8], [0, 1, 2], [8, 3, 4], [2, 5, 0]]));
+        assert_eq!((sheet_of, count), (vec![0, 1, 0, 1], 2));
+        assert_eq!(sheets(&Mesh::default()), (vec![], 0));
+    }
+}

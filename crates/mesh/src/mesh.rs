@@ -196,3 +196,42 @@ impl Mesh {
         self.triangle_ids().map(|t| self.area(t)).sum()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn right_angle(size: f32) -> Mesh {
+        let positions = vec![Vec3::ZERO, Vec3::X * size, Vec3::Y * size];
+        Mesh::new(positions, vec![Vec3::Z; 3], vec![[0, 1, 2].map(VertexId)]).unwrap()
+    }
+
+    #[test]
+    fn area_of_a_right_angle_is_half_the_square() {
+        for size in [1e-3, 1.0, 1e3] {
+            let area = right_angle(size).area(TriangleId(0));
+            assert!((area / f64::from(size).powi(2) - 0.5).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn normal_of_counter_clockwise_faces_the_viewer() {
+        assert_eq!(right_angle(1.0).geometric_normal(TriangleId(0)), Vec3::Z);
+    }
+
+    #[test]
+    fn normal_of_a_degenerate_triangle_is_zero() {
+        let mesh = Mesh::new(vec![Vec3::X; 3], vec![Vec3::ZERO; 3], vec![[0, 1, 2].map(VertexId)]).unwrap();
+        assert_eq!(mesh.geometric_normal(TriangleId(0)), Vec3::ZERO);
+        let point = SurfacePoint { triangle: TriangleId(0), barycentric: [0.2, 0.2] };
+        assert_eq!(mesh.shading_normal(point), Vec3::ZERO);
+    }
+
+    #[test]
+    fn position_of_barycentric_corners_is_exact() {
+        let mesh = right_angle(2.0);
+        for (barycentric, expected) in [([0.0, 0.0], Vec3::ZERO), ([1.0, 0.0], Vec3::X * 2.0)] {
+            assert_eq!(mesh.position(SurfacePoint { triangle: TriangleId(0), barycentric }), expected);
+        }
+    }
+}

@@ -40,3 +40,39 @@ pub fn unit2(hash: u64) -> [f32; 2] {
 pub fn square_to_triangle([x, y]: [f32; 2]) -> [f32; 2] {
     if x + y > 1.0 { [1.0 - x, 1.0 - y] } else { [x, y] }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hash_of_neighbouring_keys_is_uniform_and_uncorrelated() {
+        let count = 100_000_u64;
+        let (mut mean, mut product) = (0.0_f64, 0.0_f64);
+        for i in 0..count {
+            let (x, y) = (unit(hash(7, 1, 2, i)), unit(hash(7, 1, 2, i + 1)));
+            mean += f64::from(x) / count as f64;
+            product += f64::from(x - 0.5) * f64::from(y - 0.5) / count as f64;
+        }
+        assert!((mean - 0.5).abs() < 0.005, "{mean}");
+        assert!(product.abs() < 0.002, "{product}");
+    }
+
+    #[test]
+    fn hash_depends_on_every_word() {
+        let base = hash(1, 2, 3, 4);
+        for other in
+            [hash(0, 2, 3, 4), hash(1, 0, 3, 4), hash(1, 2, 0, 4), hash(1, 2, 3, 0), hash(1, 3, 2, 4)]
+        {
+            assert_ne!(base, other);
+        }
+    }
+
+    #[test]
+    fn square_to_triangle_stays_inside() {
+        for i in 0..1000 {
+            let [u, v] = square_to_triangle(unit2(finalize(i)));
+            assert!(u >= 0.0 && v >= 0.0 && u + v <= 1.0);
+        }
+    }
+}

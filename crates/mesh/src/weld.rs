@@ -90,3 +90,89 @@ pub fn weld(source: Source<'_>) -> Result<Welded, MeshError> {
 fn same_normal(a: Vec3, b: Vec3, cosine: f32) -> bool {
     a == b || a.dot(b) >= cosine
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::TriangleId;
+
+    fn source<'a>(
+        positions: &'a [Vec3],
+        normals: &'a [Vec3],
+        groups: &'a [u32],
+        triangles: &'a [[u32; 3]],
+    ) -> Source<'a> {
+        Source { positions, normals, groups, triangles, normal_cosine: 0.999 }
+    }
+
+    /// Two unit triangles that share an edge, each with its own three vertices.
+    const POSITIONS: [Vec3; 6] = [
+        Vec3::new(0.0, 0.0, 0.0),
+        Vec3::new(1.0, 0.0, 0.0),
+        Vec3::new(0.0, 1.0, -0.0),
+        Vec3::new(1.0, 0.0, 0.0),
+        Vec3::new(1.0, 1.0, 0.0),
+        Vec3::new(0.0, 1.0, 0.0),
+    ];
+    const TRIANGLES: [[u32; 3]; 2] = [[0, 1, 2], [3, 4, 5]];
+
+    #[test]
+    fn weld_uv_seam_vanishes() {
+        let welded = weld(source(&POSITIONS, &[Vec3::Z; 6], &[0; 6], &TRIANGLES)).unwrap();
+        assert_eq!(welded.mesh.vertex_count(), 4);
+        assert_eq!(welded.light_from_source[1], welded.light_from_source[3]);
+        assert_eq!(welded.light_from_source[2], welded.light_from_source[5], "-0 and +0 are one place");
+    }
+
+    #[test]
+    fn weld_crease_stays() {
+        let normals = [Vec3::Z, Vec3::Z, Vec3::Z, Vec3::X, Vec3::X, Vec3::X];
+        assert_eq!(weld(source(&POSITIONS, &normals, &[0; 6], &TRIANGLES)).unwrap().mesh.vertex_count(), 6);
+    }
+
+    #[test]
+    fn weld_two_nodes_stay_apart() {
+        let welded = weld(source(&POSITIONS, &[Vec3::Z; 6], &[0, 0, 0, 1, 1, 1], &TRIANGLES)).unwrap();
+        assert_eq!(welded.mesh.vertex_count(), 6);
+    }
+
+    #[test]
+    fn weld_bad_index_is_an_error() {
+        let error = weld(source(&POSITIONS, &[Vec3::Z; 6], &[0; 6], &[[0, 1, 6]])).unwrap_err();
+        assert_eq!(error, MeshError::Index { triangle: 0, vertex: 6, vertices: 6 });
+    }
+
+    #[test]
+    fn weld_nan_is_an_error() {
+        let mut positions = POSITIONS;
+        positions[4].y = f32::NAN;
+        let error = weld(source(&positions, &[Vec3::Z; 6], &[0; 6], &TRIANGLES)).unwrap_err();
+        assert!(matches!(error, MeshError::NotFinite { .. }));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn weld_keeps_every_corner_in_its_place(places in prop::collection::vec((0..4_i8, 0..4_i8, 0..2_u32), 3..60)) {
+            let positions: Vec<Vec3> =
+                places.iter().map(|&(x, y, _)| Vec3::new(f32::from(x), f32::from(y), 0.0)).collect();
+            let groups: Vec<u32> = places.iter().map(|p| p.2).collect();
+            let triangles: Vec<[u32; 3]> =
+                (0..positions.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+            let normals = vec![Vec3::Z; positions.len()];
+            let welded = weld(source(&positions, &normals, &groups, &triangles)).unwrap();
+            for (t, corners) in triangles.iter().enumerate() {
+                let there = welded.mesh.corners(TriangleId(t as u32));
+                for (corner, &v) in corners.iter().enumerate() {
+                    prop_assert_eq!(there[corner], positions[v as usize]);
+                }
+            }
+            let mut distinct: Vec<_> = places.clone();
+            distinct.sort_unstable();
+            distinct.dedup();
+            prop_assert_eq!(welded.mesh.vertex_count(), distinct.len());
+        }
+    }
+}
