@@ -1,0 +1,28 @@
+//! The numbers that the shaders and this crate must agree on. This is their one source: a test reads the
+//! files in `shaders/` and compares.
+
+/// Bit 15 of the second integer is set: a color-vertex. Clear: a texture-vertex.
+pub const COLOR_FLAG: u16 = 0x8000;
+
+/// The first integer of a color-vertex is its value in `0..=1` times this.
+pub const COLOR_STEPS: u16 = 65535;
+
+/// The integers of a texture-vertex count parts of a texel: this many to a texel.
+pub const SUBTEXELS: u32 = lightkiln_chart::SUBTEXELS;
+
+/// Where the share of the texture-vertices is no larger than this, the atlas is not read.
+///
+/// `UV / eta` loses its digits as eta goes to 0 (and eta may come out of the interpolation a little below
+/// it), but its weight is eta: leaving it out costs at most this much of the value, half a 15-bit step.
+pub const ETA_EPSILON: f32 = 1.0 / 65536.0;
+
+/// What the second coordinate of a color-vertex is in the interop form of section 4.4, a pair of floats.
+pub const INTEROP_COLOR: f32 = 2.0;
+
+/// Name and value of each constant as the shaders spell it.
+pub const SHADER_CONSTANTS: [(&str, f64); 4] = [
+    ("COLOR_FLAG", COLOR_FLAG as f64),
+    ("COLOR_STEPS", COLOR_STEPS as f64),
+    ("SUBTEXELS", SUBTEXELS as f64),
+    ("ETA_EPSILON", ETA_EPSILON as f64),
+];
