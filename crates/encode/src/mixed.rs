@@ -237,3 +237,49 @@ pub(crate) fn nearest_texture_corner(
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn greedy(vertices: usize, edges: &[(u32, u32)]) -> usize {
+        let mut pairs: Vec<_> = edges
+            .iter()
+            .flat_map(|&(a, b)| [(VertexId(a), VertexId(b)), (VertexId(b), VertexId(a))])
+            .collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        let mut marks = vec![false; vertices];
+        let chosen = cover(&pairs, &mut marks);
+        assert!(pairs.iter().all(|(a, b)| marks[a.index()] || marks[b.index()]));
+        assert_eq!(chosen, marks.iter().filter(|&&mark| mark).count());
+        chosen
+    }
+
+    #[test]
+    fn cover_star_and_path_are_the_fewest() {
+        assert_eq!(greedy(5, &[(0, 1), (0, 2), (0, 3), (0, 4)]), 1);
+        assert_eq!(greedy(5, &[(0, 1), (1, 2), (2, 3), (3, 4)]), 2);
+        assert_eq!(greedy(3, &[(0, 1), (1, 2), (2, 0)]), 2);
+        assert_eq!(greedy(2, &[]), 0);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        /// On paths and trees of up to 12 vertices the greedy choice is at most one off for the fewest.
+        #[test]
+        fn cover_small_forest_is_near_the_fewest(parents in prop::collection::vec(any::<prop::sample::Index>(), 1..12)) {
+            let edges: Vec<(u32, u32)> =
+                parents.iter().enumerate().map(|(i, p)| (p.index(i + 1) as u32, i as u32 + 1)).collect();
+            let vertices = parents.len() + 1;
+            let fewest = (0_u32..1 << vertices)
+                .filter(|set| edges.iter().all(|&(a, b)| set >> a & 1 == 1 || set >> b & 1 == 1))
+                .map(u32::count_ones)
+                .min()
+                .expect("all vertices cover");
+            prop_assert!(greedy(vertices, &edges) <= fewest as usize + 1);
+        }
+    }
+}

@@ -159,3 +159,95 @@ fn fill_notches(adjacency: &Adjacency, state: &mut [bool], mut open: Vec<Triangl
     }
     filled
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{Board, random_board};
+    use proptest::prelude::*;
+
+    const PRICES: PromotionPrices = PromotionPrices {
+        vertex_bytes: 24.0,
+        texel_size: 1.0,
+        texel_bytes: 1.0,
+        mips: 1.0,
+        fill: 1.0,
+        gutter: 0,
+    };
+
+    /// The drawing of `cases::mixed_chart_edge_with_third_texture_vertex_copies_the_third`: (1, 2, 3) is half a
+    /// square of 3 x 3 units beside a chart, with a copy at v3.
+    fn third() -> Board {
+        let corners = [[0.0, 6.0], [3.0, 6.0], [0.0, 3.0], [3.0, 3.0], [3.0, 0.0], [6.0, 0.0]];
+        Board::new(&corners, &[[0, 2, 1], [1, 2, 3], [3, 4, 5]], &[Some(0), None, Some(0)])
+    }
+
+    fn of(board: &Board, prices: &PromotionPrices) -> Vec<TriangleId> {
+        promotions(&board.mesh, &board.adjacency, &board.is_texture(), prices)
+    }
+
+    #[test]
+    fn promote_whichever_costs_fewer_bytes() {
+        let board = third();
+        // 4.5 texels against 24 bytes, and against 4.
+        assert_eq!(of(&board, &PRICES), [TriangleId(1)]);
+        assert_eq!(of(&board, &PromotionPrices { vertex_bytes: 4.0, ..PRICES }), []);
+        // At a texel of a fifth of a unit 112 texels; mips, a poor fill and gutters weigh the same way.
+        assert_eq!(of(&board, &PromotionPrices { texel_size: 0.2, ..PRICES }), []);
+        assert_eq!(of(&board, &PromotionPrices { fill: 0.1, ..PRICES }), []);
+        assert_eq!(of(&board, &PromotionPrices { texel_bytes: 8.0, ..PRICES }), []);
+        assert_eq!(of(&board, &PromotionPrices { gutter: 20, ..PRICES }), []);
+    }
+
+    #[test]
+    fn promote_notches_are_part_of_it() {
+        let corners = [[0.0, 2.0], [2.0, 2.0], [2.0, 0.0], [8.0, 0.0], [8.0, 2.0]];
+        let board = Board::new(&corners, &[[0, 2, 1], [1, 2, 3], [1, 3, 4]], &[Some(0), None, Some(0)]);
+        let dear = PromotionPrices { vertex_bytes: 0.0, ..PRICES };
+        assert_eq!(of(&board, &dear), [TriangleId(1)]);
+    }
+
+    #[test]
+    fn promote_bad_input_promotes_nothing() {
+        let board = third();
+        for texel_size in [0.0, -0.0, f32::NAN, f32::INFINITY] {
+            let _ = of(&board, &PromotionPrices { texel_size, ..PRICES });
+        }
+        assert_eq!(of(&board, &PromotionPrices { texel_size: 0.0, ..PRICES }), []);
+        assert_eq!(of(&board, &PromotionPrices { fill: 0.0, ..PRICES }), []);
+        assert_eq!(promotions(&board.mesh, &board.adjacency, &[true], &PRICES), []);
+    }
+
+    fn copies(board: &Board, state: &[bool]) -> usize {
+        let is_place = mixed::texture_vertices(&board.mesh, state);
+        let copies = Copies::choose(&board.mesh, &board.adjacency, state, &is_place);
+        copies.at_chart_edges + copies.elsewhere
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        /// The result has no notches and costs no more than filling the notches alone.
+        #[test]
+        fn promote_never_costs_more(seed in 0..u64::MAX, n in 2..12_u32, share in 0.0_f32..0.5, bytes in 0.0_f64..12.0) {
+            let board = random_board(n, seed);
+            let state: Vec<bool> = (0..board.mesh.triangle_count() as u64)
+                .map(|t| lightkiln_mesh::random::unit(lightkiln_mesh::random::hash(seed, t, 8, 8)) < share)
+                .collect();
+            let prices = PromotionPrices { vertex_bytes: bytes, ..PRICES };
+            let mut notched = state.clone();
+            fill_notches(&board.adjacency, &mut notched, board.mesh.triangle_ids().collect());
+            let mut after = state.clone();
+            for t in promotions(&board.mesh, &board.adjacency, &state, &prices) {
+                prop_assert!(!after[t.index()]);
+                after[t.index()] = true;
+            }
+            prop_assert!(fill_notches(&board.adjacency, &mut after, board.mesh.triangle_ids().collect()).is_empty());
+            prop_assert!((0..state.len()).all(|t| after[t] >= notched[t]));
+            let bought: f64 =
+                board.mesh.triangle_ids().filter(|t| after[t.index()] && !notched[t.index()]).map(|t| board.mesh.area(t)).sum();
+            let saved = (copies(&board, &notched) as f64 - copies(&board, &after) as f64) * bytes;
+            prop_assert!(bought <= saved + 1e-6, "{} bytes of texels for {} bytes of copies", bought, saved);
+        }
+    }
+}
