@@ -1,0 +1,167 @@
+//! Running estimates of a signal at many points, with their variance.
+//!
+//! A point's value is the mean of its batches (Welford 1962, one pass). The variance of that mean comes from
+//! two sources: the spread of the batches, which says nothing from one batch and little from two, and what
+//! the spread of yes-or-no rays of that mean would be. They are weighed like observations (a scaled
+//! inverse-chi-square prior), so that few batches are judged by the second and many by the first.
+
+use lightkiln_mesh::SurfacePoint;
+use rayon::prelude::*;
+
+use crate::Signal;
+
+/// How many batches the expected spread counts for.
+const PRIOR_BATCHES: f64 = 4.0;
+/// The spread of a batch expected before it is seen, relative to that of independent yes-or-no rays: less
+/// than 1, because the rays of a batch are stratified, by as much as they are for the most broken occluders.
+const PRIOR_GAIN: f64 = 0.7;
+/// Points that a thread works on at a time: large enough to hide the hand-over, small enough to balance.
+const CHUNK: usize = 64;
+/// Backs seen first in this share of directions mean that a point lies inside other geometry.
+const INSIDE: f32 = 0.7;
+
+/// Running estimates of many points: flat arrays, points x channels.
+///
+/// Memory: `8 channels + 3` bytes a point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimates {
+    /// Numbers a point.
+    pub channels: usize,
+    mean: Vec<f32>,
+    /// Sum of squared differences of the batches from their mean.
+    m2: Vec<f32>,
+    batches: Vec<u16>,
+    /// Share of backs seen first, in 255ths.
+    backs: Vec<u8>,
+    rays_per_batch: u32,
+    range: [f32; 2],
+}
+
+impl Estimates {
+    /// No batches yet.
+    pub fn new(points: usize, channels: usize) -> Self {
+        Self {
+            channels,
+            mean: vec![0.0; points * channels],
+            m2: vec![0.0; points * channels],
+            batches: vec![0; points],
+            backs: vec![0; points],
+            rays_per_batch: 0,
+            range: [0.0, 1.0],
+        }
+    }
+
+    /// Adds batches until point `i` has `wanted[i]` of them; points that have more keep them.
+    ///
+    /// Parallel over chunks of points. A point's result depends on its key and the number of its batches only,
+    /// not on threads, nor on how many calls it took.
+    ///
+    /// # Panics
+    /// Where the lengths of the slices or the signal's channels do not fit these estimates: that is a mistake
+    /// of the caller, not of the input.
+    pub fn refine(&mut self, signal: &dyn Signal, points: &[SurfacePoint], keys: &[u64], wanted: &[u16]) {
+        let (count, channels) = (self.batches.len(), self.channels);
+        assert!(signal.channels() == channels, "a signal of {} channels for {channels}", signal.channels());
+        assert!(points.len() == count && keys.len() == count && wanted.len() == count, "one of each a point");
+        self.rays_per_batch = signal.rays_per_batch();
+        self.range = signal.range();
+        if channels == 0 {
+            return;
+        }
+        self.mean
+            .par_chunks_mut(CHUNK * channels)
+            .zip(self.m2.par_chunks_mut(CHUNK * channels))
+            .zip(self.batches.par_chunks_mut(CHUNK).zip(self.backs.par_chunks_mut(CHUNK)))
+            .enumerate()
+            .for_each_init(
+                || vec![0.0; channels],
+                |values, (chunk, ((mean, m2), (batches, backs)))| {
+                    for (i, (batches, back)) in batches.iter_mut().zip(backs).enumerate() {
+                        let point = chunk * CHUNK + i;
+                        let own = i * channels..(i + 1) * channels;
+                        let (mean, m2) = (&mut mean[own.clone()], &mut m2[own]);
+                        while *batches < wanted[point] {
+                            let share = signal.batch(points[point], keys[point], u32::from(*batches), values);
+                            if *batches == 0 {
+                                *back = (share.clamp(0.0, 1.0) * 255.0).round() as u8;
+                            }
+                            *batches += 1;
+                            add(mean, m2, values, *batches);
+                        }
+                    }
+                },
+            );
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.batches.len()
+    }
+
+    /// No points at all.
+    pub fn is_empty(&self) -> bool {
+        self.batches.is_empty()
+    }
+
+    /// The values of a point; zeros before its first batch.
+    #[inline]
+    pub fn mean(&self, i: usize) -> &[f32] {
+        &self.mean[i * self.channels..(i + 1) * self.channels]
+    }
+
+    /// All values, points x channels.
+    pub fn means(&self) -> &[f32] {
+        &self.mean
+    }
+
+    /// Variance of a point's value around the truth; infinite before the first batch.
+    ///
+    /// Never zero: two equal batches leave what rays that all agree leave, about (1 / (rays + 2))^2 of the
+    /// range.
+    pub fn variance_of_mean(&self, i: usize, channel: usize) -> f32 {
+        let batches = f64::from(self.batches[i]);
+        if batches == 0.0 {
+            return f32::INFINITY;
+        }
+        let at = i * self.channels + channel;
+        let [low, high] = self.range.map(f64::from);
+        let extent = high - low;
+        let rays = f64::from(self.rays_per_batch);
+        // The share of rays that say yes, after Laplace: one more yes and one more no.
+        let share = ((f64::from(self.mean[at]) - low) / extent).clamp(0.0, 1.0);
+        let share = (share * rays * batches + 1.0) / (rays * batches + 2.0);
+        let expected = PRIOR_GAIN * share * (1.0 - share) / rays * extent * extent;
+        let of_batch = (PRIOR_BATCHES * expected + f64::from(self.m2[at])) / (PRIOR_BATCHES + batches - 1.0);
+        (of_batch / batches) as f32
+    }
+
+    /// Batches that a point has.
+    #[inline]
+    pub fn batches(&self, i: usize) -> u16 {
+        self.batches[i]
+    }
+
+    /// Whether a point's value means anything: it has a batch, and does not lie inside other geometry.
+    ///
+    /// Inside closed geometry nearly every ray first meets the back of a triangle. A car's interior, seen
+    /// through panels of a single layer, still has windows, seats and double-sided materials in view, so the
+    /// rule is a share: a point is inside if at least 0.7 of the rays of batch 0 meet an opaque single-sided
+    /// back first.
+    #[inline]
+    pub fn valid(&self, i: usize) -> bool {
+        self.batches[i] > 0 && f32::from(self.backs[i]) < INSIDE * 255.0
+    }
+
+    /// Rays so far: batches times rays of a batch, over all points.
+    pub fn rays(&self) -> u64 {
+        self.batches.iter().map(|&b| u64::from(b)).sum::<u64>() * u64::from(self.rays_per_batch)
+    }
+}
+
+fn add(mean: &mut [f32], m2: &mut [f32], values: &[f32], batches: u16) {
+    for ((mean, m2), &value) in mean.iter_mut().zip(m2).zip(values) {
+        let before = value - *mean;
+        *mean += before / f32::from(batches);
+        *m2 += before * (value - *mean);
+    }
+}

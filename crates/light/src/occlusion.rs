@@ -1,0 +1,113 @@
+//! Ambient occlusion: the share of the cosine-weighted hemisphere that is open.
+
+use glam::Vec3;
+use lightkiln_mesh::{Mesh, SurfacePoint, random};
+
+use crate::directions::{BATCH, cosine_hemisphere, frame, net};
+use crate::{Hit, Origin, Signal, Tracer};
+
+/// Ambient occlusion: 1 where the hemisphere around the shading normal is open, 0 where it is closed.
+///
+/// Rays are cosine-weighted about the interpolated shading normal. Those below the horizon of the triangle
+/// itself are left out of the count as well as of the sum, so that a smooth convex surface is 1 everywhere
+/// however coarse its triangles are. A shading normal that points behind the triangle is replaced by the
+/// geometric one.
+///
+/// Batch 0 also finds the share of directions in which the first thing seen, at any distance, is the back of
+/// an opaque single-sided triangle: see [`crate::Estimates::valid`].
+pub struct AmbientOcclusion<'a> {
+    tracer: &'a Tracer<'a>,
+    mesh: &'a Mesh,
+    distance: f32,
+    seed: u64,
+}
+
+impl<'a> AmbientOcclusion<'a> {
+    /// - `distance`: what is farther away does not occlude, in units of the mesh; may be infinite
+    /// - `seed`: another seed gives other rays
+    pub fn new(tracer: &'a Tracer<'a>, mesh: &'a Mesh, distance: f32, seed: u64) -> Self {
+        Self { tracer, mesh, distance, seed }
+    }
+
+    /// Openness in each direction, and the share of backs seen first.
+    ///
+    /// A first hit that is opaque decides its ray; only rays behind something translucent are traced again.
+    fn probe(&self, origin: Origin, directions: &[Vec3], through: &mut [f32]) -> f32 {
+        let mut hits: [Option<Hit>; BATCH] = [None; BATCH];
+        let hits = &mut hits[..directions.len()];
+        self.tracer.first_hits(origin, directions, f32::INFINITY, hits);
+        let (mut again, mut places, mut count, mut backs) = ([Vec3::ZERO; BATCH], [0; BATCH], 0, 0);
+        for (ray, hit) in hits.iter().enumerate() {
+            through[ray] = 1.0;
+            let Some(hit) = hit else { continue };
+            let flags = self.tracer.surfaces().flags(hit.triangle);
+            if flags.translucent {
+                (again[count], places[count]) = (directions[ray], ray);
+                count += 1;
+                continue;
+            }
+            backs += u32::from(hit.back && !flags.double_sided);
+            if hit.distance <= self.distance {
+                through[ray] = 0.0;
+            }
+        }
+        let mut rest = [1.0; BATCH];
+        self.tracer.transmittances(origin, &again[..count], self.distance, &mut rest[..count]);
+        for (&place, &value) in places.iter().zip(&rest).take(count) {
+            through[place] = value;
+        }
+        backs as f32 / directions.len() as f32
+    }
+}
+
+impl Signal for AmbientOcclusion<'_> {
+    fn channels(&self) -> usize {
+        1
+    }
+
+    fn rays_per_batch(&self) -> u32 {
+        BATCH as u32
+    }
+
+    fn batch(&self, point: SurfacePoint, key: u64, batch: u32, out: &mut [f32]) -> f32 {
+        // A point without a plane sees nothing in particular: open, and not to be trusted.
+        let Some((origin, geometric)) = Origin::on_surface(self.tracer, self.mesh, point) else {
+            out[0] = 1.0;
+            return 1.0;
+        };
+        let shading = self.mesh.shading_normal(point);
+        let axis = if shading.dot(geometric) > 0.0 { shading } else { geometric };
+        let squares = net(random::hash(self.seed, key, u64::from(batch), 0xa0));
+        let mut directions = [Vec3::ZERO; BATCH];
+        let mut count = above(&squares, axis, geometric, &mut directions);
+        if count == 0 {
+            count = above(&squares, geometric, geometric, &mut directions);
+        }
+        let directions = &directions[..count];
+        let mut through = [0.0; BATCH];
+        let through = &mut through[..count];
+        let backs = if batch == 0 {
+            self.probe(origin, directions, through)
+        } else {
+            self.tracer.transmittances(origin, directions, self.distance, through);
+            0.0
+        };
+        out[0] = through.iter().sum::<f32>() / count as f32;
+        backs
+    }
+}
+
+/// The directions about `axis` that lie above the plane of `geometric`; how many they are.
+fn above(squares: &[[f32; 2]; BATCH], axis: Vec3, geometric: Vec3, directions: &mut [Vec3; BATCH]) -> usize {
+    let [x, y] = frame(axis);
+    let mut count = 0;
+    for &square in squares {
+        let local = cosine_hemisphere(square);
+        let direction = x * local.x + y * local.y + axis * local.z;
+        if direction.dot(geometric) > 0.0 {
+            directions[count] = direction;
+            count += 1;
+        }
+    }
+    count
+}

@@ -1,0 +1,280 @@
+//! Rays against a mesh: what they meet first, and how much of them comes through.
+//!
+//! The tracer works in normalized coordinates: the middle of the scene's bounds is moved to zero in double
+//! precision and the scene is scaled by a power of two to an extent of about 1. Scenes in millimetres and in
+//! kilometres run through the same numbers, and a power of two between two scenes makes no difference at all.
+
+use glam::{DVec3, Vec3};
+use lightkiln_mesh::{Mesh, TriangleId};
+
+use crate::lanes::{self, Lanes, Path, WIDTH};
+use crate::traverse::{BUNDLE, Bundle, Visitor, Walk};
+use crate::tree::{Block, NO_TRIANGLE, Tree};
+use crate::{LightError, Origin};
+
+/// What a triangle is to a ray.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SurfaceFlags {
+    /// A ray may go on behind it, weakened by [`Surfaces::opacity`].
+    pub translucent: bool,
+    /// Its back is as good as its front: seeing it does not mean to be inside.
+    pub double_sided: bool,
+}
+
+/// What a tracer asks about the surfaces of a mesh.
+pub trait Surfaces: Sync {
+    /// What a triangle is to a ray; asked once when the tracer is built, and for back faces that are met.
+    fn flags(&self, triangle: TriangleId) -> SurfaceFlags;
+    /// The share of a ray that ends at a point, in `0..=1`. Asked only where the flags say translucent.
+    ///
+    /// - `barycentric`: weights of the second and third corner
+    fn opacity(&self, triangle: TriangleId, barycentric: [f32; 2]) -> f32;
+}
+
+/// Every triangle opaque and single-sided.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Opaque;
+
+impl Surfaces for Opaque {
+    fn flags(&self, _: TriangleId) -> SurfaceFlags {
+        SurfaceFlags::default()
+    }
+    fn opacity(&self, _: TriangleId, _: [f32; 2]) -> f32 {
+        1.0
+    }
+}
+
+/// Where a ray meets the mesh first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// The triangle; of several at the same distance the one with the lowest number.
+    pub triangle: TriangleId,
+    /// Weights of its second and third corner.
+    pub barycentric: [f32; 2],
+    /// Distance in lengths of the direction vector.
+    pub distance: f32,
+    /// The ray came from behind the triangle.
+    pub back: bool,
+}
+
+/// A mesh made ready for rays.
+pub struct Tracer<'a> {
+    surfaces: &'a dyn Surfaces,
+    tree: Tree,
+    centre: DVec3,
+    scale: f64,
+    path: Path,
+}
+
+impl<'a> Tracer<'a> {
+    /// Builds the tree. Degenerate triangles are left out: no ray meets them.
+    ///
+    /// # Errors
+    /// [`LightError::TooLarge`] for more triangles than the tree can number.
+    pub fn new(mesh: &Mesh, surfaces: &'a dyn Surfaces) -> Result<Self, LightError> {
+        let count = mesh.triangle_count();
+        if count >= (1 << 30) {
+            return Err(LightError::TooLarge { triangles: count });
+        }
+        let (low, high) = mesh.bounds();
+        let (low, high) = (low.as_dvec3(), high.as_dvec3());
+        let centre = (low + high) * 0.5;
+        let extent = (high - low).max_element();
+        let scale = if extent > 0.0 { (-extent.log2().ceil()).exp2() } else { 1.0 };
+        let mut tracer = Self {
+            surfaces,
+            tree: Tree { nodes: Vec::new(), blocks: Vec::new(), root: crate::tree::NONE },
+            centre,
+            scale,
+            path: Path::detect(),
+        };
+        let corners = |t: u32| mesh.corners(TriangleId(t)).map(|p| tracer.normalize(p));
+        tracer.tree = Tree::new(count, corners, |t| surfaces.flags(TriangleId(t)).translucent);
+        Ok(tracer)
+    }
+
+    /// The same tracer on the portable path, whatever the processor has. Results are the same bit for bit;
+    /// this is for tests and measurements.
+    #[must_use]
+    pub fn portable(mut self) -> Self {
+        self.path = Path::Portable;
+        self
+    }
+
+    /// What the surfaces are.
+    pub fn surfaces(&self) -> &dyn Surfaces {
+        self.surfaces
+    }
+
+    /// Bytes held by the tree.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.tree.nodes.as_slice()) + size_of_val(self.tree.blocks.as_slice())
+    }
+
+    /// A world position in normalized coordinates.
+    #[inline]
+    pub(crate) fn normalize(&self, position: Vec3) -> Vec3 {
+        ((position.as_dvec3() - self.centre) * self.scale).as_vec3()
+    }
+
+    /// A world distance in normalized units, at most the largest finite number.
+    #[inline]
+    fn normalize_distance(&self, distance: f32) -> f32 {
+        ((f64::from(distance) * self.scale) as f32).min(f32::MAX)
+    }
+
+    /// A ray's start anywhere in space, as it is; [`Origin::on_surface`] makes one that lies on the mesh.
+    pub fn origin_at(&self, position: Vec3) -> Origin {
+        Origin { position: self.normalize(position) }
+    }
+
+    /// What a ray meets first.
+    ///
+    /// - `origin`: world position, taken as it is (see [`Self::first_hits`] for rays from the mesh)
+    /// - `direction`: of any length but zero; distances count in its lengths
+    /// - `max_distance`: hits beyond it are not seen; may be infinite
+    pub fn closest(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> Option<Hit> {
+        let mut hits = [None];
+        self.first_hits(self.origin_at(origin), &[direction], max_distance, &mut hits);
+        hits[0]
+    }
+
+    /// What each of many rays from one point meets first. Faster than one by one.
+    ///
+    /// `hits` is as long as `directions`.
+    pub fn first_hits(
+        &self,
+        origin: Origin,
+        directions: &[Vec3],
+        max_distance: f32,
+        hits: &mut [Option<Hit>],
+    ) {
+        let limit = self.normalize_distance(max_distance);
+        for (directions, hits) in directions.chunks(BUNDLE).zip(hits.chunks_mut(BUNDLE)) {
+            let mut bundle = bundle_of(origin, directions, limit);
+            let mut visitor = Closest { hits: [None; BUNDLE], unit: (1.0 / self.scale) as f32 };
+            let walk = Walk { tree: &self.tree, bundle: &mut bundle, visitor: &mut visitor };
+            lanes::dispatch(self.path, walk);
+            hits.copy_from_slice(&visitor.hits[..hits.len()]);
+        }
+    }
+
+    /// How much of each of many rays from one point comes through: 1 where nothing is in the way, 0 behind
+    /// an opaque triangle, the product of `1 - opacity` behind translucent ones.
+    ///
+    /// `through` is as long as `directions`.
+    pub fn transmittances(
+        &self,
+        origin: Origin,
+        directions: &[Vec3],
+        max_distance: f32,
+        through: &mut [f32],
+    ) {
+        let limit = self.normalize_distance(max_distance);
+        for (directions, through) in directions.chunks(BUNDLE).zip(through.chunks_mut(BUNDLE)) {
+            let mut bundle = bundle_of(origin, directions, limit);
+            let mut visitor = Through { surfaces: self.surfaces, through: [1.0; BUNDLE] };
+            let walk = Walk { tree: &self.tree, bundle: &mut bundle, visitor: &mut visitor };
+            lanes::dispatch(self.path, walk);
+            through.copy_from_slice(&visitor.through[..through.len()]);
+        }
+    }
+}
+
+fn bundle_of(origin: Origin, directions: &[Vec3], limit: f32) -> Bundle {
+    let mut bundle = Bundle::new(origin.position.to_array());
+    for direction in directions {
+        bundle.push(direction.to_array(), limit);
+    }
+    bundle
+}
+
+/// Weights of the second and third corner from the three edge planes.
+fn barycentric(edges: [[f32; WIDTH]; 3], lane: usize) -> [f32; 2] {
+    let [a, b, c] = edges.map(|edge| edge[lane]);
+    let sum = a + b + c;
+    if sum == 0.0 {
+        return [1.0 / 3.0; 2];
+    }
+    let u = (b / sum).clamp(0.0, 1.0);
+    [u, (c / sum).clamp(0.0, 1.0 - u)]
+}
+
+struct Closest {
+    hits: [Option<Hit>; BUNDLE],
+    unit: f32,
+}
+
+impl Visitor for Closest {
+    #[inline(always)]
+    fn meet<L: Lanes>(
+        &mut self,
+        ray: usize,
+        limit: f32,
+        block: &Block,
+        lanes: u32,
+        t: L,
+        edges: [L; 3],
+    ) -> f32 {
+        let (t, edges) = (t.store(), edges.map(L::store));
+        let mut best = (limit, self.hits[ray].map_or(NO_TRIANGLE, |hit| hit.triangle.0));
+        let mut rest = lanes;
+        let mut winner = None;
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
+            let candidate = (t[lane], block.triangles[lane]);
+            if candidate < best {
+                best = candidate;
+                winner = Some(lane);
+            }
+        }
+        if let Some(lane) = winner {
+            // All three edges have the sign of the ray against the normal.
+            let side = edges[0][lane] + edges[1][lane] + edges[2][lane];
+            self.hits[ray] = Some(Hit {
+                triangle: TriangleId(block.triangles[lane]),
+                barycentric: barycentric(edges, lane),
+                distance: t[lane] * self.unit,
+                back: side > 0.0,
+            });
+        }
+        best.0
+    }
+}
+
+struct Through<'a> {
+    surfaces: &'a dyn Surfaces,
+    through: [f32; BUNDLE],
+}
+
+impl Visitor for Through<'_> {
+    #[inline(always)]
+    fn meet<L: Lanes>(
+        &mut self,
+        ray: usize,
+        limit: f32,
+        block: &Block,
+        lanes: u32,
+        _t: L,
+        edges: [L; 3],
+    ) -> f32 {
+        if lanes & !block.translucent != 0 {
+            self.through[ray] = 0.0;
+            return 0.0;
+        }
+        self.weaken(ray, limit, block, lanes, edges.map(L::store))
+    }
+}
+
+impl Through<'_> {
+    #[cold]
+    fn weaken(&mut self, ray: usize, limit: f32, block: &Block, lanes: u32, edges: [[f32; WIDTH]; 3]) -> f32 {
+        for lane in (0..WIDTH).filter(|lane| lanes & (1 << lane) != 0) {
+            let triangle = TriangleId(block.triangles[lane]);
+            let opacity = self.surfaces.opacity(triangle, barycentric(edges, lane));
+            self.through[ray] *= 1.0 - opacity.clamp(0.0, 1.0);
+        }
+        if self.through[ray] > 0.0 { limit } else { 0.0 }
+    }
+}
