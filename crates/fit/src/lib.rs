@@ -7,6 +7,7 @@
 //! | `elements` | gradient, edge and holding terms | Kavan eq. 10-13 |
 //! | [`system`] | unknowns, the normal matrix in compressed rows, right-hand sides | Schaefer eq. 3-4; Kavan eq. 4, 7, 9, 14 |
 //! | `solve` | one solver per sheet | Kavan 3.3 |
+//! | `pcg` | conjugate gradients with measured convergence | |
 //! | [`simple`] | averages and point samples | Kavan eq. 8 |
 //!
 //! The default never fails: its matrix is assembled from the observations, so that constant and linear
@@ -18,6 +19,7 @@
 mod elements;
 pub mod observations;
 pub mod options;
+mod pcg;
 pub mod simple;
 mod solve;
 pub mod system;

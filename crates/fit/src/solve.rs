@@ -3,6 +3,8 @@
 //! Matrices are scaled to a unit diagonal before they are factored, so that pivots can be compared to
 //! rounding.
 
+use std::sync::OnceLock;
+
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::cholesky::{
@@ -11,11 +13,16 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
+use crate::pcg;
 use crate::system::{Rows, Sheet};
-use crate::{FitError, FitOptions, FitReport};
+use crate::{FitError, FitOptions, FitReport, Solver};
 
 /// Sheets up to this many unknowns are solved by a dense factor.
 const DENSE: usize = 48;
+/// Sheets beyond this many unknowns are tried by conjugate gradients first.
+const ITERATIVE: usize = 4096;
+/// Iterations that conjugate gradients are given.
+const ITERATIONS: usize = 300;
 /// Pivots of the scaled matrix below this are rounding and raised to it.
 const LEAST_PIVOT: f64 = 1e-15;
 
@@ -25,13 +32,21 @@ pub(crate) enum SheetSolver {
     Empty,
     Dense(Dense),
     Sparse(Box<Sparse>),
+    /// Conjugate gradients, and the factor that takes over where they do not converge.
+    Iterative(OnceLock<Box<Sparse>>),
 }
 
 impl SheetSolver {
-    pub fn new(rows: &Rows, sheet: &Sheet, _options: &FitOptions) -> Result<Self, FitError> {
+    pub fn new(rows: &Rows, sheet: &Sheet, options: &FitOptions) -> Result<Self, FitError> {
+        let iterative = match options.solver {
+            Solver::Auto => ITERATIVE,
+            Solver::Direct => usize::MAX,
+            Solver::Iterative => DENSE,
+        };
         Ok(match sheet.unknowns().len() {
             0 => Self::Empty,
             n if n <= DENSE => Self::Dense(Dense::new(rows, sheet)),
+            n if n > iterative => Self::Iterative(OnceLock::new()),
             _ => Self::Sparse(Box::new(Sparse::new(rows, sheet)?)),
         })
     }
@@ -39,8 +54,8 @@ impl SheetSolver {
     /// Solves in place: `part` holds `width` values per unknown. Returns the iterations taken.
     pub fn solve(
         &self,
-        _rows: &Rows,
-        _sheet: &Sheet,
+        rows: &Rows,
+        sheet: &Sheet,
         part: &mut [f64],
         width: usize,
     ) -> Result<usize, FitError> {
@@ -48,6 +63,20 @@ impl SheetSolver {
             Self::Empty => {}
             Self::Dense(dense) => dense.solve(part, width),
             Self::Sparse(sparse) => sparse.solve(part, width),
+            Self::Iterative(fallback) => {
+                if let Some(sparse) = fallback.get() {
+                    sparse.solve(part, width);
+                    return Ok(0);
+                }
+                match pcg::solve(rows, sheet, None, part, width, ITERATIONS) {
+                    pcg::Outcome::Converged { iterations } => return Ok(iterations),
+                    pcg::Outcome::Stalled { iterations } => {
+                        let sparse = Box::new(Sparse::new(rows, sheet)?);
+                        fallback.get_or_init(|| sparse).solve(part, width);
+                        return Ok(iterations);
+                    }
+                }
+            }
         }
         Ok(0)
     }
@@ -60,6 +89,13 @@ impl SheetSolver {
                 report.factored_sheets += 1;
                 report.factor_entries += sparse.values.len();
             }
+            Self::Iterative(fallback) => match fallback.get() {
+                None => report.iterative_sheets += 1,
+                Some(sparse) => {
+                    report.iterative_fallbacks += 1;
+                    report.factor_entries += sparse.values.len();
+                }
+            },
         }
     }
 }
