@@ -71,16 +71,6 @@ pub enum ChartError {
         /// The triangle.
         triangle: u32,
     },
-    /// A single triangle is wider than the largest chart.
-    #[error("triangle {triangle} needs {texels} texels, a chart has at most {max_size}")]
-    TriangleTooLarge {
-        /// The triangle.
-        triangle: u32,
-        /// Texels that it needs on its longer side, gutter included.
-        texels: u32,
-        /// Texels per side that a chart may have.
-        max_size: u32,
-    },
     /// A chart is larger than a page of the atlas.
     #[error("chart {chart} of {} x {} texels does not fit a page of {max_page}", size[0], size[1])]
     ChartTooLarge {
