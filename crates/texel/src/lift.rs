@@ -17,6 +17,10 @@ use rayon::prelude::*;
 /// Triangles that a walk beyond the border passes at most; CAD triangles may be far smaller than a texel.
 const WALK: usize = 64;
 
+/// Cosine of the sharpest fold that a walk crosses. Light has a kink at a sharp fold, and then what lies beyond
+/// says less about the border than the chart's own slope does.
+const SHARPEST: f64 = 0.85;
+
 /// What the texels of one chart show. Row-major from v = 0.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct ChartTexels {
@@ -232,6 +236,11 @@ fn walk(
             break;
         };
         let entry = entry as usize;
+        let (here, there) = (mesh.area_vector(triangle), mesh.area_vector(next));
+        // A triangle without area has no say.
+        if here.dot(there) < SHARPEST * here.length() * there.length() {
+            break;
+        }
         let positions = mesh.corners(next).map(|p| p.as_dvec3());
         // The next triangle runs along the edge from head to tail.
         let (from, to, apex) = (positions[entry], positions[(entry + 1) % 3], positions[(entry + 2) % 3]);

@@ -64,8 +64,8 @@ impl Default for StitchOptions<'_> {
             variances: None,
             holds: &[],
             observations: None,
-            seam_weight: 10.0,
-            vertex_weight: 1e4,
+            seam_weight: 30.0,
+            vertex_weight: 1e5,
             range: [f32::NEG_INFINITY, f32::INFINITY],
         }
     }
