@@ -4,6 +4,8 @@
 //! |---|---|
 //! | [`footprint`](mod@footprint) | the 4 x 4-texel blocks that a chart occupies |
 //! | `blocks` | the default packer: block bitmaps, lowest place first (after Lévy et al. 2002) |
+//! | `uvunwrap`, `xatlas` | packers of others, each behind the cargo feature of its name |
+//! | `rigid` | holds those two to our promises |
 //! | `check` | no two charts share a block, everything inside the page |
 //!
 //! All packers place charts rigidly: by a translation of whole blocks, and perhaps a quarter turn. A chart's
@@ -12,8 +14,14 @@
 mod blocks;
 mod check;
 mod footprint;
+#[cfg(any(feature = "uvunwrap", feature = "xatlas"))]
+mod rigid;
 #[cfg(test)]
 mod tests;
+#[cfg(feature = "uvunwrap")]
+mod uvunwrap;
+#[cfg(feature = "xatlas")]
+mod xatlas;
 
 use crate::Chart;
 use glam::Vec2;
@@ -53,11 +61,23 @@ pub enum Packer {
     /// Our own, on bitmaps of blocks.
     #[default]
     Blocks,
+    /// uvunwrap's, which nests shapes but does not turn them here. One page only.
+    #[cfg(feature = "uvunwrap")]
+    Uvunwrap,
+    /// xatlas's exhaustive search, without turns. One page only.
+    #[cfg(feature = "xatlas")]
+    Xatlas,
 }
 
 impl Packer {
     /// All packers that this build has.
-    pub const ALL: &[Self] = &[Self::Blocks];
+    pub const ALL: &[Self] = &[
+        Self::Blocks,
+        #[cfg(feature = "uvunwrap")]
+        Self::Uvunwrap,
+        #[cfg(feature = "xatlas")]
+        Self::Xatlas,
+    ];
 }
 
 /// Where a chart lies.
@@ -125,6 +145,12 @@ pub enum PackError {
         /// The later of the two charts.
         chart: u32,
     },
+    /// A packer gave no result, or moved a chart in a way that is no translation.
+    #[error("packer {packer:?} did not keep the charts as they are")]
+    Refused {
+        /// The packer.
+        packer: Packer,
+    },
     /// A packing has not one placement per chart.
     #[error("{placements} placements for {charts} charts")]
     Count {
@@ -166,8 +192,24 @@ pub fn pack(charts: &[Chart], options: &PackOptions) -> Result<Packing, PackErro
     if charts.is_empty() {
         return Ok(Packing::default());
     }
+    let limits = limits(options);
+    for (chart, footprint) in footprints.iter().enumerate() {
+        let [width, height] = footprint.size();
+        let fits = |w, h| w <= limits.width && h <= limits.height;
+        if !fits(width, height) && !fits(height, width) {
+            return Err(PackError::ChartTooLarge {
+                chart: chart as u32,
+                size: [width * BLOCK, height * BLOCK],
+                page: [limits.width * BLOCK, limits.height * BLOCK],
+            });
+        }
+    }
     match options.packer {
-        Packer::Blocks => blocks::pack(&footprints, options),
+        Packer::Blocks => blocks::pack(&footprints, &limits),
+        #[cfg(feature = "uvunwrap")]
+        Packer::Uvunwrap => uvunwrap::pack(&footprints, options),
+        #[cfg(feature = "xatlas")]
+        Packer::Xatlas => xatlas::pack(&footprints, options),
     }
 }
 

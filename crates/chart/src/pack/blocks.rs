@@ -12,7 +12,7 @@
 //! fit, the next chart of the same shape need not look again, which makes thousands of equal tiny charts cheap.
 
 use super::footprint::Footprint;
-use super::{BLOCK, PackError, PackOptions, Packing, Placement, limits};
+use super::{BLOCK, Limits, PackError, Packing, Placement};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -180,7 +180,7 @@ impl Page {
             self.rows.resize(start + self.words_per_row, 0);
             let row = &mut self.rows[start..];
             row[self.words_per_row - 1] = u64::MAX;
-            if self.width % 64 != 0 {
+            if !self.width.is_multiple_of(64) {
                 row[self.words_per_row - 2] = u64::MAX << (self.width % 64);
             }
             self.longest_free.push(self.width);
@@ -191,7 +191,7 @@ impl Page {
             for (i, &word) in shape.footprint.row(row).iter().enumerate().filter(|(_, word)| **word != 0) {
                 let at = (x / 64) as usize + i;
                 target[at] |= word << (x % 64);
-                if x % 64 != 0 && word >> (64 - x % 64) != 0 {
+                if !x.is_multiple_of(64) && word >> (64 - x % 64) != 0 {
                     target[at + 1] |= word >> (64 - x % 64);
                 }
             }
@@ -291,21 +291,9 @@ fn widths(shapes: &Shapes, max_width: u32) -> Vec<u32> {
 const WIDTHS: u32 = 13;
 
 /// Packs by footprints; see the module's documentation.
-pub(super) fn pack(footprints: &[Footprint], options: &PackOptions) -> Result<Packing, PackError> {
+pub(super) fn pack(footprints: &[Footprint], limits: &Limits) -> Result<Packing, PackError> {
     let shapes = Shapes::new(footprints);
-    let limits = limits(options);
     let order = largest_first(&shapes);
-    for chart in 0..footprints.len() {
-        let [width, height] = shapes.size(chart, false);
-        let fits = |w, h| w <= limits.width && h <= limits.height;
-        if !fits(width, height) && !fits(height, width) {
-            return Err(PackError::ChartTooLarge {
-                chart: chart as u32,
-                size: [width * BLOCK, height * BLOCK],
-                page: [limits.width * BLOCK, limits.height * BLOCK],
-            });
-        }
-    }
     let attempts: Vec<Attempt> = widths(&shapes, limits.width)
         .into_iter()
         .map(|width| Attempt { width, max_height: limits.height, pages: 1 })
@@ -314,7 +302,7 @@ pub(super) fn pack(footprints: &[Footprint], options: &PackOptions) -> Result<Pa
     if let Some(best) = best {
         return Ok(finish(best, 1));
     }
-    pack_pages(&shapes, &order, &limits)
+    pack_pages(&shapes, &order, limits)
 }
 
 /// The outcome with the fewest blocks; the one closer to a square wins ties, then the narrower one.
@@ -324,7 +312,7 @@ fn best_of(shapes: &Shapes, order: &[u32], attempts: &[Attempt]) -> Option<Outco
 }
 
 /// Several pages, as few as hold everything, as low as a short search finds.
-fn pack_pages(shapes: &Shapes, order: &[u32], limits: &super::Limits) -> Result<Packing, PackError> {
+fn pack_pages(shapes: &Shapes, order: &[u32], limits: &Limits) -> Result<Packing, PackError> {
     let blocks: u64 = shapes.blocks.iter().map(|&b| u64::from(b)).sum();
     let full_page = u64::from(limits.width) * u64::from(limits.height);
     let fewest = blocks.div_ceil(full_page).max(2) as u32;

@@ -57,6 +57,11 @@ impl Footprint {
         self.words.iter().map(|w| w.count_ones()).sum()
     }
 
+    /// The least x and the least y of the blocks taken; `None` when there are none.
+    pub fn lowest(&self) -> Option<[u32; 2]> {
+        self.iter().reduce(|[low_x, low_y], [x, y]| [low_x.min(x), low_y.min(y)])
+    }
+
     /// The blocks taken, by rows.
     pub fn iter(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
         (0..self.size[1])
