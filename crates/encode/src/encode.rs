@@ -1,7 +1,7 @@
 //! Charts, packing and vertex values into codes: what each corner of each triangle carries.
 //!
 //! Schaefer 2012, sections 4.3 and 4.4; the cases that the paper leaves out are decided in
-//! [`mixed`](crate::mixed).
+//! [`mixed`].
 
 use lightkiln_chart::Chart;
 use lightkiln_chart::pack::{Packing, placed_uv};

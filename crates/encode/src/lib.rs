@@ -2,7 +2,7 @@
 //!
 //! Schaefer 2012, sections 4.3 (the blend of vertex and texture values) and 4.4 (one attribute for both).
 //! A corner of a triangle carries either a value or a place in the atlas, in 4 bytes. The shaders in
-//! `shaders/` turn three of them into light without a seam; [`decode`] does the same on the CPU.
+//! `shaders/` turn three of them into light without a seam; [`decode()`] does the same on the CPU.
 //!
 //! | module | what |
 //! |---|---|
