@@ -45,6 +45,8 @@ pub enum ChartFault {
 
 /// Twice the way that snapping moves a vertex, times the square root of two, and a little.
 const SNAP_HEIGHT: f64 = 0.18;
+/// Overlaps narrower than this, in texels, are what snapping leaves of borders that touch.
+const SEEN: f64 = 0.3;
 
 /// Checks everything that `charts` promises of a chart.
 ///
@@ -80,6 +82,11 @@ pub fn verify(chart: &Chart, mesh: &Mesh) -> Result<(), ChartFault> {
         }
     }
     let border = border_of_disk(chart).ok_or(ChartFault::NoDisk)?;
+    check_plane(chart, border)
+}
+
+/// The part of [`verify`] that looks at the plane only; `border`: chart vertices around the disk.
+pub(crate) fn check_plane(chart: &Chart, border: impl IntoIterator<Item = u32>) -> Result<(), ChartFault> {
     let image = |corners: &[u32; 3]| corners.map(|v| chart.uv[v as usize].as_dvec2());
     for (triangle, corners) in chart.corners.iter().enumerate() {
         let u = image(corners);
@@ -89,8 +96,8 @@ pub fn verify(chart: &Chart, mesh: &Mesh) -> Result<(), ChartFault> {
             return Err(ChartFault::Flipped { triangle, height: -area / longest });
         }
     }
-    let curve: Vec<DVec2> = border.iter().map(|&v| chart.uv[v as usize].as_dvec2()).collect();
-    if overlap::crosses_itself(&curve) && overlap::covers_twice(chart.corners.iter().map(image), 0.3) {
+    let curve: Vec<DVec2> = border.into_iter().map(|v| chart.uv[v as usize].as_dvec2()).collect();
+    if overlap::crosses_itself(&curve) && overlap::covers_twice(chart.corners.iter().map(image), SEEN) {
         return Err(ChartFault::Overlaps);
     }
     Ok(())

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use crate::arap::{Flattening, Rest, Start, doubled_area};
 use crate::chart::{Chart, ChartError};
+use crate::check::check_plane;
 use crate::patch::{CUT, Patch};
 use crate::place::{Placed, place, size_for};
 use crate::quality::{Fault, image, judge, repair_flips, singular_values};
@@ -161,6 +162,8 @@ enum Refusal {
     TooLarge,
     /// The solver failed, or a coordinate is not finite.
     NotFinite,
+    /// It was flattened well, but snapping turned triangles over or brought parts over each other.
+    Snapped,
     /// It was flattened, badly.
     Bad(Fault),
 }
@@ -244,6 +247,7 @@ impl Unwrap<'_> {
         }
         self.measure(&patch, &rest, &uv, &placed, &mut numbers);
         join_closed_cuts(&patch, &mut placed);
+        let border: Vec<u32> = patch.loops().iter().flatten().map(|&half| patch.tail(half)).collect();
         let chart = Chart {
             triangles: patch.triangles,
             vertices: patch.vertices,
@@ -251,6 +255,10 @@ impl Unwrap<'_> {
             uv: placed.uv,
             size: placed.size,
         };
+        // Snapping may close what was barely open.
+        if chart.triangles.len() > 1 && check_plane(&chart, border).is_err() {
+            return Err(Refusal::Snapped);
+        }
         Ok(Piece { chart, numbers })
     }
 
