@@ -3,7 +3,9 @@
 //! A point's value is the mean of its batches (Welford 1962, one pass). The variance of that mean comes from
 //! two sources: the spread of the batches, which says nothing from one batch and little from two, and what
 //! the spread of yes-or-no rays of that mean would be. They are weighed like observations (a scaled
-//! inverse-chi-square prior), so that few batches are judged by the second and many by the first.
+//! inverse-chi-square prior), so that few batches are judged by the second and many by the first; and the
+//! second keeps a floor, because batches that all agree have no spread, yet may all have missed the same
+//! small occluder.
 
 use lightkiln_mesh::SurfacePoint;
 use rayon::prelude::*;
@@ -14,7 +16,10 @@ use crate::Signal;
 const PRIOR_BATCHES: f64 = 4.0;
 /// The spread of a batch expected before it is seen, relative to that of independent yes-or-no rays: less
 /// than 1, because the rays of a batch are stratified, by as much as they are for the most broken occluders.
-const PRIOR_GAIN: f64 = 0.7;
+const PRIOR_GAIN: f64 = 0.85;
+/// The part of a stratum (a share of 1 / rays) that stratification cannot know however regular the occluder:
+/// what covers less than a stratum is met as if rays were independent, what covers more has an edge.
+const LEAST_STRATA: f64 = 0.7;
 /// Points that a thread works on at a time: large enough to hide the hand-over, small enough to balance.
 const CHUNK: usize = 64;
 /// Backs seen first in this share of directions mean that a point lies inside other geometry.
@@ -116,8 +121,7 @@ impl Estimates {
 
     /// Variance of a point's value around the truth; infinite before the first batch.
     ///
-    /// Never zero: two equal batches leave what rays that all agree leave, about (1 / (rays + 2))^2 of the
-    /// range.
+    /// Never zero: rays that all agree leave a sigma of about 1.4 / rays of the range.
     pub fn variance_of_mean(&self, i: usize, channel: usize) -> f32 {
         let batches = f64::from(self.batches[i]);
         if batches == 0.0 {
@@ -127,11 +131,15 @@ impl Estimates {
         let [low, high] = self.range.map(f64::from);
         let extent = high - low;
         let rays = f64::from(self.rays_per_batch);
-        // The share of rays that say yes, after Laplace: one more yes and one more no.
-        let share = ((f64::from(self.mean[at]) - low) / extent).clamp(0.0, 1.0);
-        let share = (share * rays * batches + 1.0) / (rays * batches + 2.0);
-        let expected = PRIOR_GAIN * share * (1.0 - share) / rays * extent * extent;
-        let of_batch = (PRIOR_BATCHES * expected + f64::from(self.m2[at])) / (PRIOR_BATCHES + batches - 1.0);
+        // The share of rays that say yes, drawn to the middle by two of each (Agresti and Coull 1998).
+        let yes = ((f64::from(self.mean[at]) - low) / extent).clamp(0.0, 1.0) * rays * batches;
+        let share = (yes + 2.0) / (rays * batches + 4.0);
+        let independent = share * (1.0 - share);
+        let unit = extent * extent / rays;
+        let least = independent.min(LEAST_STRATA / rays) * unit;
+        let expected = (PRIOR_GAIN * independent * unit).max(least);
+        let weighed = PRIOR_BATCHES * expected + f64::from(self.m2[at]);
+        let of_batch = (weighed / (PRIOR_BATCHES + batches - 1.0)).max(least);
         (of_batch / batches) as f32
     }
 

@@ -271,6 +271,11 @@ impl Through<'_> {
     #[cold]
     fn weaken(&mut self, ray: usize, limit: f32, block: &Block, lanes: u32, edges: [[f32; WIDTH]; 3]) -> f32 {
         for lane in (0..WIDTH).filter(|lane| lanes & (1 << lane) != 0) {
+            // Without the widening of the edges: where two panes meet, a ray is to be weakened once.
+            let [a, b, c] = edges.map(|edge| edge[lane]);
+            if a.min(b).min(c) < 0.0 && a.max(b).max(c) > 0.0 {
+                continue;
+            }
             let triangle = TriangleId(block.triangles[lane]);
             let opacity = self.surfaces.opacity(triangle, barycentric(edges, lane));
             self.through[ray] *= 1.0 - opacity.clamp(0.0, 1.0);

@@ -33,7 +33,9 @@ impl Builder {
         for j in 0..=n {
             for i in 0..2 * n {
                 let (a, b) = (i as f32 / n as f32 * pi, j as f32 / n as f32 * pi);
-                let d = Vec3::new(b.sin() * a.cos(), b.cos(), b.sin() * a.sin());
+                // The sine of pi is not zero in floats, and would turn the pole inside out.
+                let ring = if j % n == 0 { 0.0 } else { b.sin() };
+                let d = Vec3::new(ring * a.cos(), b.cos(), ring * a.sin());
                 self.positions.push(centre + radius * d);
                 self.normals.push(if outward { d } else { -d });
             }
