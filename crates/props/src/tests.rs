@@ -1,0 +1,151 @@
+use std::collections::HashMap;
+
+use glam::{DVec3, Vec3};
+
+use crate::model::{Assembly, Surface};
+use crate::shapes::{Detail, bent, cuboid, lathe, panel, rounded_box, tube};
+use crate::*;
+
+const DETAIL: Detail = Detail { per_metre: 20.0, only_count: false };
+
+/// Normals are of unit length and on the side that the triangles face; no triangle is degenerate.
+fn assert_sound(surface: &Surface, what: &str) {
+    assert_eq!(surface.positions.len(), surface.normals.len());
+    assert!(surface.uvs.is_empty() || surface.uvs.len() == surface.positions.len());
+    assert_eq!(surface.count, surface.triangles.len(), "{what}");
+    assert!(!surface.triangles.is_empty(), "{what}");
+    assert!(surface.positions.iter().all(|p| p.is_finite()), "{what}");
+    for n in &surface.normals {
+        assert!((n.length() - 1.0).abs() < 1e-5, "{what}: {n}");
+    }
+    for t in &surface.triangles {
+        let [a, b, c] = t.map(|v| surface.positions[v as usize].as_dvec3());
+        let n = (b - a).cross(c - a);
+        assert!(n.length() > 0.0, "{what}: {t:?} {a} {b} {c}");
+        let n = n.normalize().as_vec3();
+        for v in t {
+            let agrees = surface.normals[*v as usize].dot(n);
+            assert!(agrees > 0.05, "{what}: {agrees} at {} in {a} {b} {c}", surface.positions[*v as usize]);
+        }
+    }
+}
+
+/// Each edge has a triangle on either side, by position.
+fn is_closed(surface: &Surface) -> bool {
+    let bits = |v: u32| (surface.positions[v as usize] + Vec3::ZERO).to_array().map(f32::to_bits);
+    let mut edges: HashMap<_, i32> = HashMap::new();
+    for t in &surface.triangles {
+        for e in 0..3 {
+            let (a, b) = (bits(t[e]), bits(t[(e + 1) % 3]));
+            *edges.entry((a, b)).or_default() += 1;
+            *edges.entry((b, a)).or_default() -= 1;
+        }
+    }
+    edges.values().all(|&n| n == 0)
+}
+
+fn volume(surface: &Surface) -> f64 {
+    let of = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| surface.positions[v as usize].as_dvec3());
+        a.dot(b.cross(c)) / 6.0
+    };
+    surface.triangles.iter().map(of).sum()
+}
+
+fn assert_scene_is_sound(scene: &Assembly) {
+    for mesh in &scene.meshes {
+        for (surface, _) in &mesh.primitives {
+            assert_sound(surface, &mesh.name);
+        }
+    }
+}
+
+#[test]
+fn shapes_that_claim_it_are_closed_and_have_volume() {
+    let bump = |u: f64, v: f64| DVec3::new(u, 0.6 * v, 0.1 * (3.0 * u).sin() * v);
+    let ring = |t: f64| {
+        let a = t * std::f64::consts::TAU;
+        DVec3::new(a.cos(), a.sin(), 0.2 * (2.0 * a).sin())
+    };
+    let drop: &[(f64, f64)] = &[(0.0, -0.5), (0.4, -0.2), (0.2, 0.3), (0.0, 0.6)];
+    let cushion = rounded_box(&DETAIL, DVec3::new(0.5, 0.3, 0.2), 0.1, 3);
+    for (name, shape) in [
+        ("panel", panel(&DETAIL, [2, 2], 0.01, &bump)),
+        ("open tube", tube(&DETAIL, [4, 8], 0.05, false, &|t| DVec3::new(t, t * t, 0.3 * t))),
+        ("closed tube", tube(&DETAIL, [24, 8], 0.05, true, &ring)),
+        ("drop", lathe(&DETAIL, 12, &[drop])),
+        (
+            "cylinder",
+            lathe(
+                &DETAIL,
+                12,
+                &[&[(0.0, 0.0), (0.2, 0.0)], &[(0.2, 0.0), (0.2, 1.0)], &[(0.2, 1.0), (0.0, 1.0)]],
+            ),
+        ),
+        ("cuboid", cuboid(DVec3::ZERO, DVec3::ONE, [2, 3, 4])),
+        ("bent box", bent(cushion.clone(), |p, n| p + 0.01 * n + DVec3::Z * p.x * p.x)),
+        ("rounded box", cushion),
+    ] {
+        assert_sound(&shape, name);
+        assert!(is_closed(&shape), "{name}");
+        assert!(volume(&shape) > 0.0, "{name}");
+    }
+}
+
+#[test]
+fn small_scenes_have_the_counts_they_promise() {
+    let counts = |name: &str, size: Option<usize>| {
+        let scene = recipe(name).unwrap().assembly(size, Diagonal::Corner).unwrap();
+        assert_scene_is_sound(&scene);
+        let vertices: usize =
+            scene.meshes.iter().flat_map(|m| &m.primitives).map(|(s, _)| s.positions.len()).sum();
+        (vertices, scene.triangle_count())
+    };
+    assert_eq!(counts("half_box", None), (12, 6));
+    assert_eq!(counts("column", None), (200, 246));
+    assert_eq!(counts("l_shape", Some(16)), (2 * 17 * 17, 4 * 16 * 16));
+    for name in ["cornell_box", "instances", "fence", "thin_wall", "contact", "millimetres"] {
+        assert!(counts(name, None).1 > 100);
+    }
+}
+
+#[test]
+fn half_box_diagonals_differ_and_face_the_corner() {
+    for diagonal in [Diagonal::Corner, Diagonal::Other] {
+        let scene = small::half_box(diagonal);
+        assert_scene_is_sound(&scene);
+        let (surface, _) = &scene.meshes[0].primitives[0];
+        let with_origin = surface
+            .triangles
+            .iter()
+            .filter(|t| t.iter().any(|&v| surface.positions[v as usize] == Vec3::ZERO))
+            .count();
+        assert_eq!(with_origin, if diagonal == Diagonal::Corner { 6 } else { 3 });
+        assert!(surface.normals.iter().all(|n| n.min_element() >= 0.0));
+    }
+}
+
+#[test]
+fn thin_wall_is_closed() {
+    let scene = small::thin_wall(8);
+    assert!(is_closed(&scene.meshes[1].primitives[0].0));
+}
+
+#[test]
+fn scene_bytes_are_deterministic_and_valid_gltf() {
+    for r in RECIPES {
+        let size = (r.sizes.1 > 0).then_some(r.sizes.0.max(2));
+        let bytes = scene(r.name, size).unwrap();
+        assert_eq!(bytes, scene(r.name, size).unwrap(), "{}", r.name);
+        let gltf = gltf::Gltf::from_slice(&bytes).unwrap();
+        assert_eq!(gltf.blob.as_ref().unwrap().len() % 4, 0);
+        assert!(gltf.nodes().count() > 0);
+    }
+}
+
+#[test]
+fn scene_unknown_name_and_size_are_errors() {
+    assert!(matches!(scene("teapot", None), Err(PropsError::Unknown { .. })));
+    assert!(matches!(scene("l_shape", Some(0)), Err(PropsError::Size { size: 0, .. })));
+    assert!(matches!(scene("column", Some(7)), Err(PropsError::Size { .. })));
+}
