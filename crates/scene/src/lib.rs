@@ -1,1 +1,44 @@
-//! glTF in and out.
+//! glTF in and out: the only crate that knows the file format.
+//!
+//! Reading keeps the file's JSON as a document and decodes only what light needs: triangles in world space,
+//! normals, coverage. Writing patches that document: one attribute, one extension, the atlas and a fallback
+//! are added, and all else leaves as it came (DESIGN.md, "Keep the user's asset"). docs/FORMAT.md describes
+//! what is added.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`scene`](Scene) | the public picture: parts, materials, warnings |
+//! | `container`, `uri`, `document` | GLB chunks, files and data URIs, views into the JSON |
+//! | `accessor`, `meshopt`, `draco` | elements of buffers, compressed or not |
+//! | `nodes`, `instances`, `pose` | the node graph, GPU instances, skins and morph targets at rest |
+//! | `geometry`, `material` | pools of vertices as triangles; coverage |
+//! | `names` | names of parts, files and kinds of errors |
+//! | `lightmap` | reading light back, undoing a former bake |
+//! | `write`, `split`, `garbage`, `output` | patching, vertices with two codes, dropping what is unused, files |
+
+mod accessor;
+mod container;
+mod document;
+mod draco;
+mod error;
+mod garbage;
+mod geometry;
+mod instances;
+mod lightmap;
+mod material;
+mod meshopt;
+mod names;
+mod nodes;
+mod output;
+mod pose;
+mod scene;
+mod split;
+mod uri;
+mod write;
+
+pub use error::{Place, SceneError, Warning};
+pub use lightmap::{ATTRIBUTE, AtlasPage, EXTENSION, Lightmap, ORIGINAL_COLOR};
+pub use names::ErrorKind;
+pub use material::{AlphaMode, Material};
+pub use scene::{Part, PartLight, ReadOptions, Scene, TriangleFlags};
+pub use write::{AtlasFiles, BakedLight, ExtensionInfo, Fallback, PartWritten, Written, WrittenFile, write};
