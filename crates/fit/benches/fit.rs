@@ -24,8 +24,13 @@ fn torus(n: usize, slivers: f32) -> Mesh {
             let id = (j * n + i) as u64;
             let u = (i as f32 + 0.35 * noise(id, 0)) / n as f32 * TAU;
             let w = (j as f32 + 0.35 * noise(id, 1)) / n as f32 * TAU;
-            let r = 0.6 + 0.05 * (5.0 * u).sin() * (7.0 * w).cos() + 0.02 * (40.0 * u).sin() * (37.0 * w).cos();
-            positions.push(Vec3::new((1.0 + r * w.cos()) * u.cos(), r * w.sin(), (1.0 + r * w.cos()) * u.sin()));
+            let r =
+                0.6 + 0.05 * (5.0 * u).sin() * (7.0 * w).cos() + 0.02 * (40.0 * u).sin() * (37.0 * w).cos();
+            positions.push(Vec3::new(
+                (1.0 + r * w.cos()) * u.cos(),
+                r * w.sin(),
+                (1.0 + r * w.cos()) * u.sin(),
+            ));
         }
     }
     for v in 0..positions.len() {
@@ -85,7 +90,11 @@ fn interior(target: usize) -> Mesh {
         grid(m, m, &|u, v| {
             let (phi, theta) = (u * TAU, v * TAU / 2.0);
             let r = 1.0 + 0.05 * (9.0 * phi).sin() * (8.0 * theta).sin();
-            Vec3::new(r * phi.cos() * theta.sin() + 3.0 * s as f32, r * theta.cos(), r * phi.sin() * theta.sin())
+            Vec3::new(
+                r * phi.cos() * theta.sin() + 3.0 * s as f32,
+                r * theta.cos(),
+                r * phi.sin() * theta.sin(),
+            )
         });
     }
     mesh(positions, triangles)
@@ -100,7 +109,10 @@ fn scatter(m: &Mesh, per: f64) -> (Vec<SurfacePoint>, Vec<f32>) {
         let count = (wanted + f64::from(noise(u64::from(t.0), 11))) as usize;
         for k in 0..count {
             let hash = random::hash(2, u64::from(t.0), k as u64, 0);
-            points.push(SurfacePoint { triangle: t, barycentric: random::square_to_triangle(random::unit2(hash)) });
+            points.push(SurfacePoint {
+                triangle: t,
+                barycentric: random::square_to_triangle(random::unit2(hash)),
+            });
             weights.push((1.0 / density) as f32);
         }
     }
@@ -152,9 +164,18 @@ fn measure(name: &str, m: &Mesh, channels: &[usize], options: &FitOptions) {
         println!(
             "{name:<22} {:>8} v {channels:>3} ch: total {total:7.3} = assembly {assembly:6.3} + factor {factor:6.3} + solve {solve:6.3} s, x{:4.1}; \
              sheets dense {} factor {} pcg {} ({} it) fell back {}; damped {}; +{:.0} MB, est {:.0} MB, nnz {:.1}/v, L {:.1}/v",
-            m.vertex_count(), total / one, r.dense_sheets, r.factored_sheets, r.iterative_sheets, r.iterations,
-            r.iterative_fallbacks, r.damped_vertices, peak_mb() - before, r.memory_bytes as f64 / 1048576.0,
-            r.matrix_entries as f64 / m.vertex_count() as f64, r.factor_entries as f64 / m.vertex_count() as f64,
+            m.vertex_count(),
+            total / one,
+            r.dense_sheets,
+            r.factored_sheets,
+            r.iterative_sheets,
+            r.iterations,
+            r.iterative_fallbacks,
+            r.damped_vertices,
+            peak_mb() - before,
+            r.memory_bytes as f64 / 1048576.0,
+            r.matrix_entries as f64 / m.vertex_count() as f64,
+            r.factor_entries as f64 / m.vertex_count() as f64,
         );
     }
 }

@@ -8,6 +8,8 @@
 //! | [`system`] | unknowns, the normal matrix in compressed rows, right-hand sides | Schaefer eq. 3-4; Kavan eq. 4, 7, 9, 14 |
 //! | `solve` | one solver per sheet | Kavan 3.3 |
 //! | `pcg` | conjugate gradients with measured convergence | |
+//! | `optimum` | the quadratic program under bounds | Kavan 3.3 |
+//! | [`energy`](mod@energy) | error, noise, contrast, gradient jumps | Kavan eq. 1, table 1 |
 //! | [`simple`] | averages and point samples | Kavan eq. 8 |
 //!
 //! The default never fails: its matrix is assembled from the observations, so that constant and linear
@@ -17,7 +19,9 @@
 //! sees no sample, and with analytic masses and a sampled right-hand side it does not reproduce a constant.
 
 mod elements;
+pub mod energy;
 pub mod observations;
+mod optimum;
 pub mod options;
 mod pcg;
 pub mod simple;
@@ -26,6 +30,7 @@ pub mod system;
 
 use lightkiln_mesh::{Adjacency, Mesh};
 
+pub use energy::{Energy, Look, energy, look};
 pub use observations::Observations;
 pub use options::{Bounds, Fit, FitError, FitOptions, FitReport, Held, Mass, Method, Regularizer, Solver};
 pub use system::System;

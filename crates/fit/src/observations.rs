@@ -103,6 +103,12 @@ impl<'a> ByTriangle<'a> {
         self.all.channels
     }
 
+    /// How many observations a triangle has.
+    #[inline]
+    pub fn count(&self, triangle: TriangleId) -> u32 {
+        self.starts[triangle.index() + 1] - self.starts[triangle.index()]
+    }
+
     /// The observations in a triangle, in the order of the caller.
     #[inline]
     pub fn in_triangle(&self, triangle: TriangleId) -> impl ExactSizeIterator<Item = Seen> + '_ {

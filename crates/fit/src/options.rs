@@ -206,6 +206,10 @@ pub struct FitReport {
     pub farthest_outside: f32,
     /// Values at a bound after [`Bounds::Optimum`].
     pub active_bounds: usize,
+    /// Most steps that [`Bounds::Optimum`] took for any sheet and channel.
+    pub optimum_steps: usize,
+    /// Sheets and channels where [`Bounds::Optimum`] stopped at a feasible point short of its tolerance.
+    pub optimum_unmet: usize,
     /// The shader must clamp after interpolation.
     pub clamp_after_interpolation: bool,
 }
@@ -240,6 +244,16 @@ pub enum FitError {
     Held {
         /// Number of flags.
         flags: usize,
+        /// Number of values.
+        values: usize,
+        /// Vertices of the mesh.
+        vertices: usize,
+        /// Channels.
+        channels: usize,
+    },
+    /// Vertex values do not fit the mesh, or variances not the observations.
+    #[error("{values} values for {vertices} vertices of {channels} channels")]
+    Values {
         /// Number of values.
         values: usize,
         /// Vertices of the mesh.

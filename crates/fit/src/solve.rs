@@ -37,7 +37,13 @@ pub(crate) enum SheetSolver {
 }
 
 impl SheetSolver {
-    pub fn new(rows: &Rows, sheet: &Sheet, options: &FitOptions) -> Result<Self, FitError> {
+    /// Factors a sheet; `before`, its solver for another alpha, gives the symbolic factor.
+    pub fn new(rows: &Rows, sheet: &Sheet, options: &FitOptions, before: Self) -> Result<Self, FitError> {
+        let symbolic = match before {
+            Self::Sparse(sparse) => Some(sparse.symbolic),
+            Self::Iterative(fallback) => fallback.into_inner().map(|sparse| sparse.symbolic),
+            Self::Empty | Self::Dense(_) => None,
+        };
         let iterative = match options.solver {
             Solver::Auto => ITERATIVE,
             Solver::Direct => usize::MAX,
@@ -47,7 +53,7 @@ impl SheetSolver {
             0 => Self::Empty,
             n if n <= DENSE => Self::Dense(Dense::new(rows, sheet)),
             n if n > iterative => Self::Iterative(OnceLock::new()),
-            _ => Self::Sparse(Box::new(Sparse::new(rows, sheet)?)),
+            _ => Self::Sparse(Box::new(Sparse::new(rows, sheet, symbolic)?)),
         })
     }
 
@@ -71,7 +77,7 @@ impl SheetSolver {
                 match pcg::solve(rows, sheet, None, part, width, ITERATIONS) {
                     pcg::Outcome::Converged { iterations } => return Ok(iterations),
                     pcg::Outcome::Stalled { iterations } => {
-                        let sparse = Box::new(Sparse::new(rows, sheet)?);
+                        let sparse = Box::new(Sparse::new(rows, sheet, None)?);
                         fallback.get_or_init(|| sparse).solve(part, width);
                         return Ok(iterations);
                     }
@@ -159,7 +165,7 @@ pub(crate) struct Sparse {
 }
 
 impl Sparse {
-    fn new(rows: &Rows, sheet: &Sheet) -> Result<Self, FitError> {
+    fn new(rows: &Rows, sheet: &Sheet, symbolic: Option<SymbolicCholesky<u32>>) -> Result<Self, FitError> {
         let unknowns = sheet.unknowns();
         let (first, n) = (unknowns.start, unknowns.len());
         let unsolved = |reason: String| FitError::Unsolved { unknowns: n, reason };
@@ -178,13 +184,16 @@ impl Sparse {
             starts.push(indices.len() as u32);
         }
         let structure = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &indices);
-        let symbolic = factorize_symbolic_cholesky(
-            structure,
-            Side::Upper,
-            SymmetricOrdering::Amd,
-            CholeskySymbolicParams::default(),
-        )
-        .map_err(|error| unsolved(format!("{error:?}")))?;
+        let symbolic = match symbolic {
+            Some(symbolic) => symbolic,
+            None => factorize_symbolic_cholesky(
+                structure,
+                Side::Upper,
+                SymmetricOrdering::Amd,
+                CholeskySymbolicParams::default(),
+            )
+            .map_err(|error| unsolved(format!("{error:?}")))?,
+        };
         let mut values = vec![0.0; symbolic.len_val()];
         let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
         let mut memory = MemBuffer::try_new(scratch).map_err(|_| unsolved("out of memory".into()))?;

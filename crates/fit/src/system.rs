@@ -13,20 +13,26 @@
 //! sees at least [`SEEN_SHARE`] of `a / 6`, 1 where one sees nothing. A vertex whose only observation lies
 //! far from it is thus continued linearly from its neighbours rather than shot through that observation.
 //! Constants come out exact because each sheet is solved for the difference to its mean; linear functions
-//! cost only the last term, which is 10 orders below the data.
+//! cost only the last term, which is ten orders below the data.
 //!
 //! Rows are gathered vertex by vertex from the triangles around, in parallel and without maps.
+
+use std::ops::Range;
 
 use lightkiln_mesh::{Adjacency, Fans, Mesh, TriangleId, VertexId, sheets};
 use rayon::prelude::*;
 
 use crate::elements::{Element, Flap, gradient};
 use crate::observations::ByTriangle;
+use crate::optimum;
 use crate::solve::SheetSolver;
 use crate::{Bounds, Fit, FitError, FitOptions, FitReport, Held, Mass, Method, Observations, Regularizer};
 
-/// Weight of the edge term that is always there. Far below any data, far above rounding.
-pub const EDGE_TIE: f64 = 1e-5;
+/// Weight of the edge term that is always there: where vertices see enough each but too little together, noise grows
+/// by at most `1 / √EDGE_TIE`.
+pub const EDGE_TIE: f64 = 1e-3;
+/// Observations in two neighbouring triangles from which on the edge term that is always there fades.
+const ENOUGH: f64 = 8.0;
 /// Weight of the edge term around a vertex that sees nothing.
 pub const DAMPING: f64 = 0.1;
 /// A vertex that sees this share of its expected mass needs no damping.
@@ -90,7 +96,7 @@ pub(crate) struct Sheet {
 }
 
 impl Sheet {
-    pub fn unknowns(&self) -> std::ops::Range<usize> {
+    pub fn unknowns(&self) -> Range<usize> {
         self.first as usize..self.last as usize
     }
 }
@@ -117,6 +123,8 @@ pub struct System<'a> {
     neutral: Vec<f64>,
     rows: Rows,
     solvers: Vec<SheetSolver>,
+    /// The solvers are those of another alpha.
+    stale: bool,
     report: FitReport,
 }
 
@@ -150,6 +158,7 @@ impl<'a> System<'a> {
             neutral: Vec::new(),
             rows: Rows::default(),
             solvers: Vec::new(),
+            stale: true,
             report: FitReport::default(),
         };
         system.number();
@@ -168,6 +177,7 @@ impl<'a> System<'a> {
         }
         self.options.alpha = alpha;
         self.assemble();
+        self.stale = true;
         Ok(())
     }
 
@@ -324,7 +334,7 @@ impl<'a> System<'a> {
         self.report.matrix_entries = self.rows.entries();
     }
 
-    fn gather(&self, unknowns: std::ops::Range<usize>) -> RowChunk {
+    fn gather(&self, unknowns: Range<usize>) -> RowChunk {
         let mut chunk = RowChunk::default();
         chunk.starts.push(0);
         chunk.columns.reserve(unknowns.len() * 14);
@@ -365,7 +375,8 @@ impl<'a> System<'a> {
         let (mesh, alpha) = (self.mesh, f64::from(self.options.alpha));
         let ours = self.options.method == Method::Ours;
         let analytic = self.options.method == Method::LeastSquares { mass: Mass::Analytic };
-        let regularizer = if alpha > 0.0 { self.options.regularizer } else { Regularizer::None };
+        // Also at alpha 0, so that the structure is the same for every alpha.
+        let regularizer = self.options.regularizer;
         let edge = matches!(regularizer, Regularizer::Edge | Regularizer::Both);
         row.start(vertex);
         for &t in self.fans.around(VertexId(vertex)) {
@@ -419,8 +430,10 @@ impl<'a> System<'a> {
                     if ours {
                         let deficit =
                             flap.vertices.iter().map(|&v| self.deficit[v as usize]).fold(0.0, f32::max);
-                        weight += (EDGE_TIE + DAMPING * f64::from(deficit)) * element.weight
-                            + EDGE_TIE * AREA_FLOOR * unit;
+                        let seen = self.observed.count(flap.first) + self.observed.count(flap.second);
+                        let tie = EDGE_TIE * (ENOUGH / seen.max(1) as f64).powi(2).clamp(1e-3, 1.0);
+                        weight +=
+                            (tie + DAMPING * f64::from(deficit)) * element.weight + tie * AREA_FLOOR * unit;
                     }
                     element.weight = weight;
                     row.add_element(&element, 1.0);
@@ -435,16 +448,20 @@ impl<'a> System<'a> {
     /// [`FitError::Unsolved`] where no solver works within the memory limit.
     pub fn factor(&mut self) -> Result<(), FitError> {
         let (rows, options) = (&self.rows, &self.options);
+        let mut before = std::mem::take(&mut self.solvers);
+        before.resize_with(self.sheets.len(), || SheetSolver::Empty);
         self.solvers = self
             .sheets
             .par_iter()
-            .map(|sheet| SheetSolver::new(rows, sheet, options))
+            .zip(before)
+            .map(|(sheet, before)| SheetSolver::new(rows, sheet, options, before))
             .collect::<Result<_, _>>()?;
+        self.stale = false;
         Ok(())
     }
 
     /// The right-hand side of channels `channels`, unknown by unknown, for the difference to the sheet's mean.
-    fn right_hand_side(&self, channels: std::ops::Range<usize>) -> Vec<f64> {
+    fn right_hand_side(&self, channels: Range<usize>) -> Vec<f64> {
         let width = channels.len();
         let all = self.observed.channels();
         let analytic = self.options.method == Method::LeastSquares { mass: Mass::Analytic };
@@ -498,7 +515,7 @@ impl<'a> System<'a> {
     /// # Errors
     /// [`FitError::Unsolved`]. Factors the matrix if [`System::factor`] was not called.
     pub fn solve(&mut self) -> Result<Fit, FitError> {
-        if self.solvers.len() != self.sheets.len() {
+        if self.stale {
             self.factor()?;
         }
         let channels = self.observed.channels();
@@ -515,7 +532,8 @@ impl<'a> System<'a> {
         for from in (0..channels).step_by(BLOCK) {
             let block = from..(from + BLOCK).min(channels);
             let width = block.len();
-            let mut solution = self.right_hand_side(block.clone());
+            let rhs = self.right_hand_side(block.clone());
+            let mut solution = rhs.clone();
             let mut parts = Vec::with_capacity(self.sheets.len());
             let mut rest = solution.as_mut_slice();
             for sheet in &self.sheets {
@@ -530,19 +548,11 @@ impl<'a> System<'a> {
                 .map(|(part, (sheet, solver))| solver.solve(rows, sheet, part, width))
                 .collect::<Result<Vec<_>, _>>()?;
             report.iterations = iterations.into_iter().fold(report.iterations, usize::max);
-            for (s, sheet) in self.sheets.iter().enumerate() {
-                for unknown in sheet.unknowns() {
-                    let v = self.vertex_of[unknown] as usize;
-                    for (k, channel) in block.clone().enumerate() {
-                        let [mean, low, high] = self.ranges[s * channels + channel];
-                        let value = mean + solution[unknown * width + k];
-                        let (low, high) =
-                            (low - GUARD_RANGES * (high - low), high + GUARD_RANGES * (high - low));
-                        let guarded = if value.is_finite() { value.clamp(low, high) } else { mean };
-                        report.guarded_values += usize::from(guarded != value);
-                        values[v * channels + channel] = guarded as f32;
-                    }
-                }
+            self.write(&solution, block.clone(), &mut values, &mut report);
+            if let Bounds::Optimum { low, high } = self.options.bounds {
+                self.count_outside(&values, block.clone(), low, high, &mut report);
+                self.bound(&rhs, &mut solution, block.clone(), low, high, &mut report);
+                self.write(&solution, block, &mut values, &mut report);
             }
         }
         self.apply_bounds(&mut values, &mut report);
@@ -552,17 +562,102 @@ impl<'a> System<'a> {
         Ok(Fit { values, report })
     }
 
+    /// Writes a block of solutions into the vertex values, with the guard against wild ones.
+    fn write(&self, solution: &[f64], block: Range<usize>, values: &mut [f32], report: &mut FitReport) {
+        let (channels, width) = (self.observed.channels(), block.len());
+        for (s, sheet) in self.sheets.iter().enumerate() {
+            let ranges = &self.ranges[s * channels..(s + 1) * channels][block.clone()];
+            for unknown in sheet.unknowns() {
+                let at = self.vertex_of[unknown] as usize * channels;
+                let out = &mut values[at..at + channels][block.clone()];
+                let found = &solution[unknown * width..(unknown + 1) * width];
+                for ((out, &difference), &[mean, low, high]) in out.iter_mut().zip(found).zip(ranges) {
+                    let value = mean + difference;
+                    let reach = GUARD_RANGES * (high - low);
+                    // Rounding of a constant is no shot.
+                    let reach = reach.max(1e-6 * mean.abs());
+                    let guarded =
+                        if value.is_finite() { value.clamp(low - reach, high + reach) } else { mean };
+                    report.guarded_values += usize::from(guarded != value);
+                    *out = guarded as f32;
+                }
+            }
+        }
+    }
+
+    /// Replaces a block of solutions by the optimum under bounds, sheet by sheet and channel by channel, where
+    /// any value is outside.
+    fn bound(
+        &self,
+        rhs: &[f64],
+        solution: &mut [f64],
+        block: Range<usize>,
+        low: f32,
+        high: f32,
+        report: &mut FitReport,
+    ) {
+        let (channels, width) = (self.observed.channels(), block.len());
+        let (low, high) = (f64::from(low), f64::from(high));
+        let jobs: Vec<(usize, usize)> =
+            (0..self.sheets.len()).flat_map(|s| (0..width).map(move |k| (s, k))).collect();
+        let found: Vec<_> = jobs
+            .par_iter()
+            .map(|&(s, k)| {
+                let column = |from: &[f64]| -> Vec<f64> {
+                    self.sheets[s].unknowns().map(|u| from[u * width + k]).collect()
+                };
+                let mean = self.ranges[s * channels + block.start + k][0];
+                let (low, high) = (low - mean, high - mean);
+                let mut x = column(solution);
+                if x.iter().all(|v| (low..=high).contains(v)) {
+                    return (Vec::new(), 0, true, 0);
+                }
+                let (steps, met) =
+                    optimum::minimize(&self.rows, &self.sheets[s], &column(rhs), &mut x, low, high);
+                let active = x.iter().filter(|&&v| v <= low || v >= high).count();
+                (x, steps, met, active)
+            })
+            .collect();
+        for ((s, k), (x, steps, met, active)) in jobs.into_iter().zip(found) {
+            report.optimum_steps = report.optimum_steps.max(steps);
+            report.optimum_unmet += usize::from(!met);
+            report.active_bounds += active;
+            for (unknown, value) in self.sheets[s].unknowns().zip(x) {
+                solution[unknown * width + k] = value;
+            }
+        }
+    }
+
+    fn count_outside(
+        &self,
+        values: &[f32],
+        block: Range<usize>,
+        low: f32,
+        high: f32,
+        report: &mut FitReport,
+    ) {
+        let channels = self.observed.channels();
+        for &v in &self.vertex_of {
+            for value in &values[v as usize * channels..(v as usize + 1) * channels][block.clone()] {
+                report.below += usize::from(*value < low);
+                report.above += usize::from(*value > high);
+                report.farthest_outside = report.farthest_outside.max(low - *value).max(*value - high);
+            }
+        }
+    }
+
+    /// Clamps unknown values, or counts and leaves them.
     fn apply_bounds(&self, values: &mut [f32], report: &mut FitReport) {
         let Some((low, high)) = self.options.bounds.range() else { return };
         let channels = self.observed.channels();
         report.clamp_after_interpolation =
             matches!(self.options.bounds, Bounds::ClampAfterInterpolation { .. });
-        for &v in &self.vertex_of {
-            for value in &mut values[v as usize * channels..(v as usize + 1) * channels] {
-                report.below += usize::from(*value < low);
-                report.above += usize::from(*value > high);
-                report.farthest_outside = report.farthest_outside.max(low - *value).max(*value - high);
-                if !report.clamp_after_interpolation {
+        if !matches!(self.options.bounds, Bounds::Optimum { .. }) {
+            self.count_outside(values, 0..channels, low, high, report);
+        }
+        if !report.clamp_after_interpolation {
+            for &v in &self.vertex_of {
+                for value in &mut values[v as usize * channels..(v as usize + 1) * channels] {
                     *value = value.clamp(low, high);
                 }
             }
