@@ -151,11 +151,16 @@ impl<'a> Tracer<'a> {
     ) {
         let limit = self.normalize_distance(max_distance);
         for (directions, hits) in directions.chunks(BUNDLE).zip(hits.chunks_mut(BUNDLE)) {
-            let mut bundle = bundle_of(origin, directions, limit);
-            let mut visitor = Closest { hits: [None; BUNDLE], unit: (1.0 / self.scale) as f32 };
+            let (mut bundle, lengths) = bundle_of(origin, directions, limit);
+            let mut visitor = Closest { hits: [None; BUNDLE] };
             let walk = Walk { tree: &self.tree, bundle: &mut bundle, visitor: &mut visitor };
             lanes::dispatch(self.path, walk);
             hits.copy_from_slice(&visitor.hits[..hits.len()]);
+            for (hit, length) in hits.iter_mut().zip(lengths) {
+                if let Some(hit) = hit {
+                    hit.distance = (f64::from(hit.distance) / self.scale) as f32 / length;
+                }
+            }
         }
     }
 
@@ -172,7 +177,7 @@ impl<'a> Tracer<'a> {
     ) {
         let limit = self.normalize_distance(max_distance);
         for (directions, through) in directions.chunks(BUNDLE).zip(through.chunks_mut(BUNDLE)) {
-            let mut bundle = bundle_of(origin, directions, limit);
+            let (mut bundle, _) = bundle_of(origin, directions, limit);
             let mut visitor = Through { surfaces: self.surfaces, through: [1.0; BUNDLE] };
             let walk = Walk { tree: &self.tree, bundle: &mut bundle, visitor: &mut visitor };
             lanes::dispatch(self.path, walk);
@@ -181,12 +186,22 @@ impl<'a> Tracer<'a> {
     }
 }
 
-fn bundle_of(origin: Origin, directions: &[Vec3], limit: f32) -> Bundle {
+/// A bundle of unit directions, and the lengths that the given ones had.
+///
+/// The walk's error bounds hold for unit directions. Those that are so within a thousandth stay as they are.
+fn bundle_of(origin: Origin, directions: &[Vec3], limit: f32) -> (Bundle, [f32; BUNDLE]) {
     let mut bundle = Bundle::new(origin.position.to_array());
-    for direction in directions {
-        bundle.push(direction.to_array(), limit);
+    let mut lengths = [1.0; BUNDLE];
+    for (&direction, length) in directions.iter().zip(&mut lengths) {
+        if (direction.length_squared() - 1.0).abs() <= 1e-3 {
+            bundle.push(direction.to_array(), limit);
+        } else {
+            *length = direction.as_dvec3().length() as f32;
+            let unit = direction.as_dvec3().normalize_or_zero().as_vec3();
+            bundle.push(unit.to_array(), (limit * *length).min(f32::MAX));
+        }
     }
-    bundle
+    (bundle, lengths)
 }
 
 /// Weights of the second and third corner from the three edge planes.
@@ -201,8 +216,8 @@ fn barycentric(edges: [[f32; WIDTH]; 3], lane: usize) -> [f32; 2] {
 }
 
 struct Closest {
+    /// With distances in normalized units.
     hits: [Option<Hit>; BUNDLE],
-    unit: f32,
 }
 
 impl Visitor for Closest {
@@ -235,7 +250,7 @@ impl Visitor for Closest {
             self.hits[ray] = Some(Hit {
                 triangle: TriangleId(block.triangles[lane]),
                 barycentric: barycentric(edges, lane),
-                distance: t[lane] * self.unit,
+                distance: t[lane],
                 back: side > 0.0,
             });
         }

@@ -102,8 +102,8 @@ impl Tree {
                 let positions = corners(triangle);
                 let normal = unit_normal(positions).expect("only triangles with an area are in the tree");
                 for axis in 0..3 {
-                    for corner in 0..3 {
-                        block.corners[corner][axis][lane] = positions[corner][axis];
+                    for (rows, position) in block.corners.iter_mut().zip(positions) {
+                        rows[axis][lane] = position[axis];
                     }
                     block.normals[axis][lane] = normal[axis];
                 }

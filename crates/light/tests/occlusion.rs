@@ -1,4 +1,5 @@
 //! Ambient occlusion against closed forms, and estimates against their own claims.
+#![allow(clippy::unwrap_used)]
 
 use glam::{Quat, Vec3};
 use lightkiln_light::{AmbientOcclusion, Estimates, Opaque, SurfaceFlags, Surfaces, Tracer, analytic};

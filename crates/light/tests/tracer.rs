@@ -1,4 +1,5 @@
 //! The tracer against brute force, its two paths against each other, and its starts against themselves.
+#![allow(clippy::unwrap_used)]
 
 use glam::{DVec3, Quat, Vec3};
 use lightkiln_light::{
@@ -84,6 +85,12 @@ fn closest_on_soups_equals_brute_force() {
                         [ray as usize / 6 % 6]
                 }
                 1 => direction.y = 0.0,
+                2..=4 => {
+                    let t = TriangleId((ray / 6) as u32 % mesh.triangle_count() as u32);
+                    let barycentric =
+                        random::square_to_triangle(random::unit2(random::hash(seed, ray, 9, 9)));
+                    direction = mesh.position(SurfacePoint { triangle: t, barycentric }) - origin;
+                }
                 _ => {}
             }
             let (expected, doubt) = brute(&mesh, origin, direction);
@@ -400,7 +407,8 @@ fn thin_wall_and_contact_do_not_leak() {
         let mesh = mesh(positions.iter().map(|p| *p * scale + offset).collect(), &triangles);
         let tracer = Tracer::new(&mesh, &Opaque).unwrap();
         // On the plate: its own back is 1e-4 away, but no ray from its front starts behind it.
-        for t in 12..24 {
+        // Its bottom lies in the floor and sees nothing else.
+        for t in (12..24).filter(|t| t / 2 != 8) {
             for (k, barycentric) in PLACES.into_iter().enumerate() {
                 let point = SurfacePoint { triangle: TriangleId(t), barycentric };
                 let (origin, n) = Origin::on_surface(&tracer, &mesh, point).unwrap();
