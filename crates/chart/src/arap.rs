@@ -128,8 +128,8 @@ fn unfold(patch: &Patch, rest: &Rest) -> (Vec<DVec2>, Vec<DVec2>) {
 fn innermost(patch: &Patch) -> usize {
     let mut seen = vec![false; patch.len()];
     let mut order: Vec<u32> = Vec::with_capacity(patch.len());
-    for at in 0..patch.len() {
-        if patch.twins[at * 3..at * 3 + 3].contains(&CUT) {
+    for (at, twins) in patch.twins.chunks_exact(3).enumerate() {
+        if twins.contains(&CUT) {
             seen[at] = true;
             order.push(at as u32);
         }
@@ -289,9 +289,9 @@ fn tutte(patch: &Patch, rest: &Rest) -> Option<Vec<DVec2>> {
     }
     let mut number = vec![u32::MAX; patch.vertices.len()];
     let mut inner = Vec::new();
-    for v in 0..patch.vertices.len() {
+    for (v, number) in number.iter_mut().enumerate() {
         if !patch.border[v] {
-            number[v] = inner.len() as u32;
+            *number = inner.len() as u32;
             inner.push(v);
         }
     }

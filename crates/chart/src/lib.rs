@@ -8,6 +8,7 @@
 //! | [`unwrap`] | regions to charts: flatten, judge, split until it holds |
 //! | `patch` | what hangs together; cutting to a disk |
 //! | `segment` | splitting into almost developable pieces (D-Charts) |
+//! | `merge` | putting pieces together again |
 //! | `arap` | flattening a disk (ARAP, on `cholesky`) |
 //! | `quality` | flips, stretch and their repair |
 //! | `overlap` | does a flat chart lie over itself |
@@ -19,6 +20,7 @@ mod arap;
 pub mod chart;
 pub mod check;
 mod cholesky;
+mod merge;
 mod overlap;
 pub mod pack;
 mod patch;

@@ -12,8 +12,7 @@ pub(crate) fn crosses_itself(points: &[DVec2]) -> bool {
     }
     let segment = |i: usize| (points[i], points[(i + 1) % count]);
     // Boxes of runs of 1, 2, 4, ... segments: consecutive segments lie together, so the curve is its own tree.
-    let leaves: Vec<(DVec2, DVec2)> =
-        (0..count).map(|i| segment(i)).map(|(a, b)| (a.min(b), a.max(b))).collect();
+    let leaves: Vec<(DVec2, DVec2)> = (0..count).map(segment).map(|(a, b)| (a.min(b), a.max(b))).collect();
     let mut levels = vec![leaves];
     while levels[levels.len() - 1].len() > 1 {
         let below = &levels[levels.len() - 1];

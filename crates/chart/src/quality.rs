@@ -161,13 +161,13 @@ pub(crate) fn judge(patch: &Patch, rest: &Rest, uv: &[DVec2], stretch: f64) -> R
             flipped -= doubled / 2.0;
         }
         let rest_height = doubled_area(x) / longest_squared(x).sqrt().max(f64::MIN_POSITIVE);
-        if let Some([large, small]) = singular_values(x, &u) {
-            if large > stretch || small * stretch < 1.0 {
-                if rest_height > 0.5 {
-                    return Err(Fault::Stretched);
-                }
-                stretched += doubled_area(x) / 2.0;
+        if let Some([large, small]) = singular_values(x, &u)
+            && (large > stretch || small * stretch < 1.0)
+        {
+            if rest_height > 0.5 {
+                return Err(Fault::Stretched);
             }
+            stretched += doubled_area(x) / 2.0;
         }
         for e in 0..3 {
             let (flat, image) = (x[e].distance(x[(e + 1) % 3]), u[e].distance(u[(e + 1) % 3]));

@@ -104,12 +104,12 @@ fn least_eigenvector(matrix: DMat3) -> (DVec3, f64) {
             let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
             let c = 1.0 / (t * t + 1.0).sqrt();
             let s = t * c;
-            for k in 0..3 {
-                (a[k][p], a[k][q]) = (c * a[k][p] - s * a[k][q], s * a[k][p] + c * a[k][q]);
+            for row in &mut a {
+                (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
             }
-            for k in 0..3 {
-                (a[p][k], a[q][k]) = (c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]);
-            }
+            let (rp, rq) = (a[p], a[q]);
+            a[p] = [0, 1, 2].map(|k: usize| c * rp[k] - s * rq[k]);
+            a[q] = [0, 1, 2].map(|k: usize| s * rp[k] + c * rq[k]);
             for row in &mut v {
                 (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
             }
@@ -248,7 +248,6 @@ fn shorten_borders(patch: &Patch, shape: &Shape, seeds: &[u32], cones: &[Cone], 
     for _ in 0..4 {
         let mut moved = false;
         for t in (0..patch.len()).filter(|&t| !fixed[t]) {
-            // Twice the area over the longest edge is unknown here; edges are measured by the centres.
             let sides = [0, 1, 2].map(|e: usize| {
                 let twin = patch.twins[t * 3 + e];
                 (twin != CUT).then(|| label[twin as usize / 3])

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use crate::arap::{Flattening, Rest, Start, doubled_area};
 use crate::chart::{Chart, ChartError};
 use crate::check::check_plane;
+use crate::merge::Neighbors;
 use crate::patch::{CUT, Patch};
 use crate::place::{Placed, place, size_for};
 use crate::quality::{Fault, image, judge, repair_flips, singular_values};
@@ -44,6 +45,8 @@ pub struct ChartReport {
     pub vertices: usize,
     /// Times that a piece had to be split because it could not be flattened whole.
     pub splits: usize,
+    /// Times that two neighbouring pieces turned out to hold as one.
+    pub merges: usize,
     /// Edges cut inside charts, to open tubes, holes and handles.
     pub cut_edges: usize,
     /// Flipped triangles that were turned back by moving a vertex.
@@ -131,6 +134,7 @@ impl ChartReport {
         self.triangles += other.triangles;
         self.vertices += other.vertices;
         self.splits += other.splits;
+        self.merges += other.merges;
         self.cut_edges += other.cut_edges;
         self.flips_repaired += other.flips_repaired;
         self.mean_stretch += other.mean_stretch;
@@ -144,6 +148,9 @@ impl ChartReport {
         self.shrunk += other.shrunk;
     }
 }
+
+/// Triangles in tried unions of pieces, per triangle of a region.
+const MERGE_EFFORT: usize = 3;
 
 /// A chart and its share of the report.
 struct Piece {
@@ -180,9 +187,49 @@ impl Unwrap<'_> {
         let patch = Patch::new(self.mesh, self.adjacency, triangles);
         let sets = patch.components(&vec![0; patch.len()]);
         if sets.len() == 1 {
-            return self.solve(patch, 0);
+            return self.merged(&patch, self.solve(&patch, 0));
         }
-        sets.into_iter().flat_map(|set| self.solve(self.patch(set), 0)).collect()
+        let parts = sets.into_iter().map(|set| self.patch(set));
+        parts.flat_map(|patch| self.merged(&patch, self.solve(&patch, 0))).collect()
+    }
+
+    /// Tries to put neighbouring pieces together, those first that share most of their border. The work is
+    /// bounded: unions of [`MERGE_EFFORT`] times the triangles of the patch.
+    fn merged(&self, patch: &Patch, pieces: Vec<Piece>) -> Vec<Piece> {
+        if pieces.len() < 2 {
+            return pieces;
+        }
+        let mut label = vec![0; patch.len()];
+        for (number, piece) in pieces.iter().enumerate() {
+            for t in &piece.chart.triangles {
+                if let Ok(at) = patch.triangles.binary_search(t) {
+                    label[at] = number as u32;
+                }
+            }
+        }
+        let place = |v: u32| self.mesh.positions[patch.vertices[v as usize].index()].as_dvec3();
+        let length = |half: u32| place(patch.tail(half)).distance(place(patch.head(half)));
+        let mut neighbors = Neighbors::new(patch, &label, pieces.len(), length);
+        let mut pieces: Vec<Option<Piece>> = pieces.into_iter().map(Some).collect();
+        let mut effort = MERGE_EFFORT * patch.len();
+        while let Some((a, b)) = neighbors.take_best() {
+            let (Some(first), Some(second)) = (&pieces[a as usize], &pieces[b as usize]) else { continue };
+            let mut union = first.chart.triangles.clone();
+            union.extend(&second.chart.triangles);
+            union.sort_unstable();
+            let Some(left) = effort.checked_sub(union.len()) else { continue };
+            effort = left;
+            let splits = first.numbers.splits + second.numbers.splits;
+            let merges = first.numbers.merges + second.numbers.merges + 1;
+            if let Ok(mut piece) = self.attempt(&self.patch(union), &[Start::Unfolded]) {
+                piece.numbers.splits = splits;
+                piece.numbers.merges = merges;
+                pieces[a as usize] = Some(piece);
+                pieces[b as usize] = None;
+                neighbors.join(a, b);
+            }
+        }
+        pieces.into_iter().flatten().collect()
     }
 
     fn patch(&self, triangles: Vec<TriangleId>) -> Patch {
@@ -190,19 +237,19 @@ impl Unwrap<'_> {
     }
 
     /// One chart if that holds, else the charts of its parts.
-    fn solve(&self, patch: Patch, depth: u32) -> Vec<Piece> {
-        if let Ok(piece) = self.attempt(&patch) {
+    fn solve(&self, patch: &Patch, depth: u32) -> Vec<Piece> {
+        if let Ok(piece) = self.attempt(patch, &[Start::Unfolded, Start::Tutte]) {
             return vec![piece];
         }
         let sets = if depth < 40 {
             let places = patch.places(self.mesh, self.options.texel_size);
             // Normals that led to nothing so often are noise.
-            patch.components(&segment(&patch, &Shape::new(&patch, &places), depth >= 10))
+            patch.components(&segment(patch, &Shape::new(patch, &places), depth >= 10))
         } else {
             patch.triangles.iter().map(|&t| vec![t]).collect()
         };
         let parts: Vec<Vec<Piece>> =
-            sets.into_par_iter().map(|set| self.solve(self.patch(set), depth + 1)).collect();
+            sets.into_par_iter().map(|set| self.solve(&self.patch(set), depth + 1)).collect();
         let mut pieces: Vec<Piece> = parts.into_iter().flatten().collect();
         if let Some(first) = pieces.first_mut() {
             first.numbers.splits += 1;
@@ -211,7 +258,7 @@ impl Unwrap<'_> {
     }
 
     /// Flattens a patch in one piece.
-    fn attempt(&self, whole: &Patch) -> Result<Piece, Refusal> {
+    fn attempt(&self, whole: &Patch, starts: &[Start]) -> Result<Piece, Refusal> {
         let mut patch = whole.clone();
         let places = patch.places(self.mesh, self.options.texel_size);
         if patch.len() > 500 {
@@ -224,7 +271,7 @@ impl Unwrap<'_> {
         let cut_edges = patch.cut_to_disk(self.mesh).ok_or(Refusal::Closed)?;
         let places = patch.places(self.mesh, self.options.texel_size);
         let rest = Rest::new(&patch, &places);
-        let (mut uv, flips_repaired) = self.flatten(&patch, &rest)?;
+        let (mut uv, flips_repaired) = self.flatten(&patch, &rest, starts)?;
         let mut numbers = ChartReport { charts: 1, cut_edges, flips_repaired, ..ChartReport::default() };
         // Area on the surface is what a chart's texels are for.
         let area = rest.area();
@@ -262,12 +309,17 @@ impl Unwrap<'_> {
         Ok(Piece { chart, numbers })
     }
 
-    /// Unfolds, and if that fails tries again from Tutte's embedding. Returns how many flips were repaired.
-    fn flatten(&self, patch: &Patch, rest: &Rest) -> Result<(Vec<glam::DVec2>, usize), Refusal> {
+    /// Flattens from one start after the other until one holds. Returns how many flips were repaired.
+    fn flatten(
+        &self,
+        patch: &Patch,
+        rest: &Rest,
+        starts: &[Start],
+    ) -> Result<(Vec<glam::DVec2>, usize), Refusal> {
         let stretch = f64::from(self.options.max_stretch.max(1.01));
         let mut flattening = Flattening::new(patch, rest);
         let mut refusal = Refusal::NotFinite;
-        for start in [Start::Unfolded, Start::Tutte] {
+        for &start in starts {
             let Some(mut uv) = flattening.run(start, self.options.iterations) else { continue };
             let repaired = repair_flips(patch, rest, &mut uv);
             if patch.len() == 1 {
@@ -280,7 +332,7 @@ impl Unwrap<'_> {
             // An isometry has no better version, what overlaps would have to be bent out of shape, and a large
             // patch is cheaper to split than to try again.
             let hopeless = refusal == Refusal::Bad(Fault::Overlaps) || patch.border.iter().all(|&b| b);
-            if hopeless || patch.len() > 50_000 {
+            if hopeless || patch.len() > 20_000 {
                 break;
             }
         }

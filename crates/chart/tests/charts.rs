@@ -27,7 +27,6 @@ fn unwrap(mesh: &Mesh, taken: &[bool], texel: f32) -> (Vec<Chart>, ChartReport) 
     }
     assert_eq!(seen, taken);
     assert_eq!(report.charts, charts.len());
-    eprintln!("{report:?}");
     (charts, report)
 }
 
@@ -304,7 +303,12 @@ fn charts_one_thread_and_many_agree() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 32, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 48,
+        failure_persistence: None,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(1),
+        ..ProptestConfig::default()
+    })]
 
     #[test]
     fn charts_random_sets_on_noisy_hills_hold(
