@@ -1,1 +1,99 @@
-//! The pipeline.
+//! The pipeline: from a glTF file to the same file with light on it, and a report of what that costs.
+//!
+//! [`bake`] reads like the picture in ARCHITECTURE.md, a line per stage. What a stage needs beyond its own
+//! crate stands here:
+//!
+//! | module | what |
+//! |---|---|
+//! | [`options`] | what is asked for, and the plan that follows |
+//! | [`surface`] | parts of the scene to one light mesh |
+//! | [`shade`] | light, fit, classify: rays where a decision is open |
+//! | [`rounds`] | chart, texel, encode, check, until the bound holds |
+//! | [`output`] | codes and texels to the file |
+//! | [`file_light`] | and back, as a viewer reads them |
+//! | [`verify`] | errors at fresh points |
+//! | [`figures`] | the report |
+//! | [`clock`] | stages and progress |
+
+pub mod clock;
+pub mod error;
+pub mod figures;
+pub mod file_light;
+pub mod inspect;
+pub mod options;
+pub mod output;
+pub mod rounds;
+pub mod shade;
+pub mod surface;
+pub mod verify;
+
+use std::path::Path;
+
+use lightkiln_light::{AmbientOcclusion, Tracer};
+use lightkiln_report::Report;
+use lightkiln_sample::{SampleOptions, poisson_disk};
+use lightkiln_scene::{ReadOptions, Scene};
+
+pub use clock::{Clock, Progress, Silent};
+pub use error::BakeError;
+pub use file_light::FileLight;
+pub use options::{BakeOptions, Plan, Quality};
+pub use surface::Surface;
+
+/// What a bake leaves behind beside the files.
+pub struct Baked {
+    /// Bytes, errors and times.
+    pub report: Report,
+    /// Every file that was written.
+    pub outputs: Vec<std::path::PathBuf>,
+    /// Every file that was read.
+    pub inputs: Vec<std::path::PathBuf>,
+}
+
+/// Bakes ambient occlusion onto a scene and writes it.
+///
+/// The same input, options and seed give the same bytes for any number of threads.
+///
+/// # Errors
+/// [`BakeError`]; nothing is written then.
+pub fn bake(
+    input: &Path,
+    output: &Path,
+    options: &BakeOptions,
+    progress: &dyn Progress,
+) -> Result<Baked, BakeError> {
+    let mut clock = Clock::new(progress);
+    clock.stage("read");
+    let scene = Scene::read(input, &ReadOptions { scene: options.scene, ..ReadOptions::default() })?;
+    clock.stage("weld");
+    let surface = Surface::new(&scene, &file_name(input))?;
+    let plan = Plan::new(options, &surface.mesh)?;
+    clock.stage("sample");
+    let samples = poisson_disk(&surface.mesh, &SampleOptions { radius: plan.radius, seed: plan.seed })?;
+    clock.stage("light");
+    let tracer = Tracer::new(&surface.mesh, &surface)?;
+    let signal = AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, plan.seed);
+    let lit = shade::light_fit_classify(&surface, &signal, samples, &plan, &mut clock)?;
+    let seen = verify::seen_points(&surface, &signal, lit.estimates.rays(), &plan, &mut clock);
+    let shown = rounds::chart_texel_encode(&surface, &signal, &lit, &seen, &plan, &mut clock)?;
+    let written = output::write(&surface, &shown, &plan, options, output, &mut clock)?;
+    let errors = verify::written_file(&surface, &signal, &lit, &seen, &shown, &written, &plan, &mut clock)?;
+    let report = figures::report(figures::Everything {
+        input,
+        output,
+        surface: &surface,
+        plan: &plan,
+        lit: &lit,
+        seen: &seen,
+        shown: &shown,
+        written: &written,
+        errors,
+        stages: clock.finish(),
+    });
+    Ok(Baked { report, outputs: written.outputs, inputs: scene.inputs() })
+}
+
+/// The name of a file without its folder, for messages.
+pub fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
+}

@@ -1,2 +1,32 @@
-//! The `lightkiln` program.
-fn main() {}
+//! The `lightkiln` program: arguments, files, messages.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`arguments`] | the command line and the configuration file |
+//! | [`commands`] | one function per command |
+//! | [`progress`] | bars on a terminal, plain lines elsewhere |
+//! | [`pictures`] | the command `render` |
+//! | [`messages`] | errors with place and remedy, exit codes |
+//! | [`files`] | outputs that appear whole or not at all |
+
+mod arguments;
+mod commands;
+mod files;
+mod messages;
+mod pictures;
+mod progress;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    let arguments = match arguments::Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return messages::usage(&error),
+    };
+    match commands::run(arguments) {
+        Ok(code) => code.into(),
+        Err(failure) => messages::fail(&failure),
+    }
+}

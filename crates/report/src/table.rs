@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::{Class, ErrorSummary, Report, bytes_text};
+use crate::{BoundCheck, Class, ErrorSummary, Errors, Report, bytes_text};
 
 /// Renders a report for a terminal.
 pub fn render(report: &Report) -> String {
@@ -10,7 +10,7 @@ pub fn render(report: &Report) -> String {
     settings(&mut out, report);
     classes(&mut out, report);
     rays(&mut out, report);
-    errors(&mut out, report);
+    errors(&mut out, &report.errors);
     bytes(&mut out, report);
     stages(&mut out, report);
     for warning in &report.warnings {
@@ -133,8 +133,14 @@ fn rays(out: &mut String, report: &Report) {
     );
 }
 
-fn errors(out: &mut String, report: &Report) {
-    let errors = &report.errors;
+/// Renders errors alone, as `verify` prints them.
+pub fn errors_table(all: &Errors) -> String {
+    let mut out = String::new();
+    errors(&mut out, all);
+    out
+}
+
+fn errors(out: &mut String, errors: &Errors) {
     line(
         out,
         "errors",
@@ -151,7 +157,7 @@ fn errors(out: &mut String, report: &Report) {
     error_row(out, "hybrid, as the file shows", Some(&errors.hybrid));
     error_row(out, "  in color triangles", Some(&errors.color));
     error_row(out, "  in texture triangles", Some(&errors.texture));
-    line(out, "bound", &bound_text(report));
+    line(out, "bound", &bound_text(&errors.bound));
 }
 
 /// One row of the error table.
@@ -164,8 +170,7 @@ fn error_row(out: &mut String, name: &str, errors: Option<&ErrorSummary>) {
     );
 }
 
-fn bound_text(report: &Report) -> String {
-    let bound = &report.errors.bound;
+fn bound_text(bound: &BoundCheck) -> String {
     let verdict = if bound.kept() { "kept" } else { "BROKEN" };
     let mut text = format!(
         "{verdict}: {:.1} % (+ {} sigma of noise) is exceeded at {} of {} samples and {} of {} fresh points in color triangles",

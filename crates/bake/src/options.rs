@@ -1,0 +1,198 @@
+//! What a bake is asked to do, and the plan that follows from it once the scene is known.
+
+use lightkiln_mesh::Mesh;
+use lightkiln_scene::Fallback;
+
+use crate::BakeError;
+
+/// How much work a bake may do. The bound is the same in all three; what changes is the detail that is looked
+/// at, and how often noise leaves a decision open.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Quality {
+    /// Seconds: for a first look.
+    Draft,
+    /// The default.
+    #[default]
+    Normal,
+    /// For delivery.
+    Final,
+}
+
+impl Quality {
+    /// The name that the command line and the report use.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Draft => "draft",
+            Self::Normal => "normal",
+            Self::Final => "final",
+        }
+    }
+
+    fn effort(self) -> Effort {
+        match self {
+            Self::Draft => Effort {
+                samples: 60_000,
+                sample_batches: [2, 8],
+                texel_batches: [2, 6],
+                texel_noise: 0.02,
+                rounds: 4,
+                reference_batches: 32,
+                check_points: 1_500,
+            },
+            Self::Normal => Effort {
+                samples: 250_000,
+                sample_batches: [4, 32],
+                texel_batches: [4, 24],
+                texel_noise: 0.01,
+                rounds: 6,
+                reference_batches: 64,
+                check_points: 12_000,
+            },
+            Self::Final => Effort {
+                samples: 1_000_000,
+                sample_batches: [8, 128],
+                texel_batches: [8, 96],
+                texel_noise: 0.005,
+                rounds: 8,
+                reference_batches: 128,
+                check_points: 40_000,
+            },
+        }
+    }
+}
+
+/// The numbers behind a [`Quality`]. Batches are of 16 rays (`Signal::rays_per_batch`).
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// About this many Poisson samples over the whole surface.
+    pub samples: usize,
+    /// Batches that every sample gets, and the most that an open decision may spend on one.
+    pub sample_batches: [u16; 2],
+    /// Batches that every texel gets, and the most that a noisy one may.
+    pub texel_batches: [u16; 2],
+    /// Standard error that a texel should reach.
+    pub texel_noise: f32,
+    /// The most rounds of charting, encoding and checking.
+    pub rounds: usize,
+    /// Batches of a reference.
+    pub reference_batches: u16,
+    /// The most fresh points that are traced while rounds go on, and again for the report.
+    pub check_points: usize,
+}
+
+/// Options of a bake; the defaults suit a file that nobody has seen before.
+#[derive(Clone, Debug)]
+pub struct BakeOptions {
+    /// Largest absolute error as a share of the signal's range, above 0 and below 1.
+    pub max_error: f32,
+    /// Smallest feature kept, in units of the file. Excludes `samples`.
+    pub detail: Option<f32>,
+    /// About so many samples over the whole surface. Excludes `detail`.
+    pub samples: Option<usize>,
+    /// Preset for everything that costs time.
+    pub quality: Quality,
+    /// Occluders farther away than this do not count, in units of the file; infinity is allowed. The default
+    /// is [`DEFAULT_DISTANCE`] of the scene's diagonal.
+    pub ao_distance: Option<f32>,
+    /// Seed of every random number.
+    pub seed: u64,
+    /// What viewers see that do not know the extension.
+    pub fallback: Fallback,
+    /// Which scene of the file; its default scene if none.
+    pub scene: Option<usize>,
+    /// Also write the atlas as OpenEXR beside the output.
+    pub exr: bool,
+}
+
+/// The default ambient-occlusion distance as a share of the diagonal of the scene's bounding box.
+pub const DEFAULT_DISTANCE: f32 = 0.1;
+
+impl Default for BakeOptions {
+    fn default() -> Self {
+        Self {
+            max_error: 0.03,
+            detail: None,
+            samples: None,
+            quality: Quality::Normal,
+            ao_distance: None,
+            seed: 0,
+            fallback: Fallback::Color0,
+            scene: None,
+            exr: false,
+        }
+    }
+}
+
+/// The options with every default filled in for one scene.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Largest absolute error.
+    pub max_error: f32,
+    /// Poisson radius and width of a texel, in units of the file: half the detail (Schaefer 5, Nyquist).
+    pub radius: f32,
+    /// Rays end here, in units of the file.
+    pub ao_distance: f32,
+    /// Seed of every random number.
+    pub seed: u64,
+    /// Preset name.
+    pub quality: Quality,
+    /// The numbers behind it.
+    pub effort: Effort,
+    /// Diagonal of the scene's bounding box.
+    pub diagonal: f32,
+}
+
+/// A decision counts as certain at this many standard errors.
+pub const CONFIDENCE: f32 = 3.0;
+
+/// Empty texels kept around a chart: two keep the bilinear lookup and one mip level clean.
+pub const GUTTER_TEXELS: u32 = 2;
+
+impl Plan {
+    /// Fills in the defaults.
+    ///
+    /// # Errors
+    /// [`BakeError::Option`] for a value outside its range, with the range.
+    pub fn new(options: &BakeOptions, mesh: &Mesh) -> Result<Self, BakeError> {
+        let positive = |name: &'static str, value: f32, infinite: bool| {
+            if value > 0.0 && (infinite || value.is_finite()) {
+                Ok(value)
+            } else {
+                let range = if infinite { "above 0" } else { "above 0 and finite" };
+                Err(BakeError::Option { name, value: value.to_string(), range })
+            }
+        };
+        if !(options.max_error > 0.0 && options.max_error < 1.0) {
+            return Err(BakeError::Option {
+                name: "--max-error",
+                value: options.max_error.to_string(),
+                range: "above 0 and below 1",
+            });
+        }
+        let (low, high) = mesh.bounds();
+        let diagonal = (high - low).length();
+        let effort = options.quality.effort();
+        let samples = options.samples.unwrap_or(effort.samples);
+        if samples == 0 {
+            return Err(BakeError::Option { name: "--samples", value: "0".into(), range: "at least 1" });
+        }
+        let radius = match options.detail {
+            Some(detail) => positive("--detail", detail, false)? / 2.0,
+            None => lightkiln_sample::radius_for(mesh, samples),
+        };
+        let ao_distance = match options.ao_distance {
+            Some(distance) => positive("--ao-distance", distance, true)?,
+            None => diagonal * DEFAULT_DISTANCE,
+        };
+        Ok(Self {
+            max_error: options.max_error,
+            radius,
+            ao_distance,
+            seed: options.seed,
+            quality: options.quality,
+            effort,
+            diagonal,
+        })
+    }
+}

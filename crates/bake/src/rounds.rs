@@ -1,0 +1,431 @@
+//! Close, chart, texel, encode, check, and round again: until no color triangle breaks the bound.
+//!
+//! What a color triangle shows is only known once its neighbours have texels: its texture-vertices take the
+//! atlas's value, and its color-vertices are fitted again around them. So each round decodes every sample as
+//! the shader would and promotes the color triangles that come out wrong. Regions that did not change keep
+//! their charts and their texels, so a round costs little more than packing.
+
+use std::collections::HashMap;
+
+use lightkiln_chart::pack::{PackOptions, Packing, pack};
+use lightkiln_chart::{Chart, ChartOptions, charts};
+use lightkiln_classify::{close, fill_notches, regions};
+use lightkiln_encode::{
+    AtlasView, Codes, EncodeReport, PromotionPrices, Texels, atlas_position, decode, encode, promotions,
+};
+use lightkiln_fit::{Held, Observations, fit};
+use lightkiln_light::{Estimates, Signal};
+use lightkiln_mesh::{SurfacePoint, TriangleId};
+use lightkiln_texel::{
+    Atlas, ChartTexels, PngDepth, StitchOptions, StitchReport, compose, lift, stitch,
+};
+use lightkiln_texel::image::quantize;
+use rayon::prelude::*;
+
+use crate::clock::Clock;
+use crate::options::{GUTTER_TEXELS, Plan};
+use crate::shade::{Lit, fit_options, refine};
+use crate::verify::References;
+use crate::{BakeError, Surface};
+
+/// Steps of closing (Schaefer 4.2: "we apply this operation twice").
+const CLOSING_STEPS: usize = 2;
+
+/// What the file will show.
+pub struct Shown {
+    /// Texture triangles.
+    pub is_texture: Vec<bool>,
+    /// Charts, and where they lie.
+    pub charts: Vec<Chart>,
+    /// Where each chart lies.
+    pub packing: Packing,
+    /// The texels of all charts, dilated.
+    pub atlas: Atlas,
+    /// The same as the file stores them, all pages one after the other.
+    pub stored: Stored,
+    /// The light attribute.
+    pub codes: Codes,
+    /// What encoding had to do.
+    pub encode: EncodeReport,
+    /// What stitching did.
+    pub stitch: StitchReport,
+    /// Texels that were shaded.
+    pub shaded_texels: usize,
+    /// Rays that they took.
+    pub texel_rays: u64,
+    /// Rounds.
+    pub rounds: usize,
+    /// Color triangles that the check promoted.
+    pub promoted: usize,
+    /// Color triangles promoted because texels are cheaper.
+    pub promoted_for_bytes: usize,
+}
+
+/// Texels as the file stores them, in whole steps of 8 or 16 bits.
+pub struct Stored {
+    /// Bits of a texel.
+    pub depth: PngDepth,
+    /// Pages, each row-major.
+    pub pages: Vec<Vec<f32>>,
+    size: [u32; 2],
+}
+
+impl Stored {
+    /// Quantizes an atlas as the image writer does.
+    fn new(atlas: &Atlas, depth: PngDepth) -> Self {
+        let steps = (1 << bits(depth)) - 1;
+        let stored = |&v: &f32| quantize(v, steps) as f32 / steps as f32;
+        let pages = atlas.pages.iter().map(|page| page.iter().map(stored).collect()).collect();
+        Self { depth, pages, size: atlas.size }
+    }
+
+    /// The atlas as a lookup reads it.
+    ///
+    /// # Errors
+    /// None that is known: pages of an atlas have its size.
+    pub fn view(&self) -> Result<AtlasView<'_>, BakeError> {
+        Ok(AtlasView::new(self.size, 1, self.pages.iter().map(|page| Texels::F32(page)).collect())?)
+    }
+
+    /// Bits of a texel.
+    pub fn bits(&self) -> u32 {
+        bits(self.depth)
+    }
+}
+
+fn bits(depth: PngDepth) -> u32 {
+    match depth {
+        PngDepth::Eight => 8,
+        PngDepth::Sixteen => 16,
+    }
+}
+
+/// The charts of one region with the light of their texels, kept from round to round.
+#[derive(Default)]
+struct Region {
+    charts: Vec<Chart>,
+    texels: Vec<ChartTexels>,
+    light: Vec<TexelLight>,
+}
+
+/// Makes what the file will show, round by round, until every sample of the color triangles is shown within
+/// the bound or the rounds are spent.
+///
+/// `seen` are fresh points that may promote triangles too: they lie where no sample does.
+///
+/// # Errors
+/// Those of the stages.
+pub fn chart_texel_encode(
+    surface: &Surface<'_>,
+    signal: &dyn Signal,
+    lit: &Lit,
+    seen: &References,
+    plan: &Plan,
+    clock: &mut Clock<'_>,
+) -> Result<Shown, BakeError> {
+    clock.stage("close");
+    let prices = prices(surface, plan);
+    let mut is_texture = lit.needs_texture.clone();
+    close(&surface.adjacency, &mut is_texture, CLOSING_STEPS);
+    let mut kept = Kept::new();
+    let (mut promoted, mut promoted_for_bytes) = (0, 0);
+    for round in 1.. {
+        clock.stage("close");
+        fill_notches(&surface.adjacency, &mut is_texture);
+        for triangle in promotions(&surface.mesh, &surface.adjacency, &is_texture, &prices) {
+            is_texture[triangle.index()] = true;
+            promoted_for_bytes += 1;
+        }
+        let mut shown = show(surface, signal, lit, &is_texture, plan, &mut kept, clock)?;
+        clock.stage("check");
+        let wrong = wrong_triangles(surface, lit, seen, &is_texture, &shown, plan)?;
+        if wrong.is_empty() || round == plan.effort.rounds {
+            shown.is_texture = is_texture;
+            (shown.rounds, shown.promoted, shown.promoted_for_bytes) = (round, promoted, promoted_for_bytes);
+            return Ok(shown);
+        }
+        promoted += wrong.len();
+        for triangle in wrong {
+            is_texture[triangle.index()] = true;
+        }
+    }
+    unreachable!("the last round returns")
+}
+
+/// What texels and split vertices cost, before anything is packed.
+fn prices(surface: &Surface<'_>, plan: &Plan) -> PromotionPrices {
+    let vertices: usize = surface.scene.parts.iter().map(|p| p.positions.len()).sum();
+    let bytes: usize =
+        (0..surface.scene.parts.len()).map(|p| surface.scene.parts[p].positions.len() * surface.scene.vertex_stride(p)).sum();
+    PromotionPrices {
+        vertex_bytes: bytes as f64 / vertices.max(1) as f64 + f64::from(LIGHT_STRIDE),
+        texel_size: plan.radius,
+        texel_bytes: bits(depth_for(plan.max_error)) as f64 / 8.0,
+        mips: 4.0 / 3.0,
+        fill: EXPECTED_FILL,
+        gutter: GUTTER_TEXELS,
+    }
+}
+
+/// Bytes of the light attribute at a vertex.
+pub const LIGHT_STRIDE: u32 = 4;
+
+/// Share of the atlas that charts and their gutters fill; docs/PACKING.md has the measurements.
+const EXPECTED_FILL: f64 = 0.8;
+
+type Kept = HashMap<Vec<TriangleId>, Region>;
+
+/// One round: charts, texels, codes.
+fn show(
+    surface: &Surface<'_>,
+    signal: &dyn Signal,
+    lit: &Lit,
+    is_texture: &[bool],
+    plan: &Plan,
+    kept: &mut Kept,
+    clock: &mut Clock<'_>,
+) -> Result<Shown, BakeError> {
+    let mesh = &surface.mesh;
+    let regions = regions(&surface.adjacency, is_texture);
+    add_regions(surface, signal, &regions, plan, kept, clock)?;
+
+    clock.stage("texel");
+    let mut shown_charts = ShownCharts::default();
+    for region in &regions {
+        shown_charts.add(&kept[region]);
+    }
+    let ShownCharts { charts, texels, mut values, valid, variances, shaded, rays } = shown_charts;
+    let options = StitchOptions {
+        valid: Some(&valid),
+        variances: Some(&variances),
+        range: signal.range(),
+        ..StitchOptions::default()
+    };
+    let stitched = stitch(mesh, &charts, &texels, &mut values, signal.channels(), &options)?;
+    clock.stage("pack");
+    let packing = pack(&charts, &PackOptions { gutter: GUTTER_TEXELS, ..PackOptions::default() })?;
+    let atlas = compose(&charts, &texels, &values, signal.channels(), &packing)?;
+    let stored = Stored::new(&atlas, depth_for(plan.max_error));
+
+    clock.stage("encode");
+    let view = stored.view()?;
+    let readback: Vec<Vec<f32>> = charts
+        .par_iter()
+        .enumerate()
+        .map(|(c, chart)| {
+            (0..chart.uv.len()).map(|v| view.lookup(atlas_position(&charts, &packing, c, v), 0)).collect()
+        })
+        .collect();
+    let vertex_values = refit(surface, lit, is_texture, &charts, &readback)?;
+    let (codes, encoded) =
+        encode(mesh, &surface.adjacency, is_texture, &charts, &packing, &vertex_values, &|chart, vertex| {
+            readback[chart][vertex]
+        })?;
+    drop(view);
+    Ok(Shown {
+        is_texture: Vec::new(),
+        charts,
+        packing,
+        atlas,
+        stored,
+        codes,
+        encode: encoded,
+        stitch: stitched,
+        shaded_texels: shaded,
+        texel_rays: rays,
+        rounds: 0,
+        promoted: 0,
+        promoted_for_bytes: 0,
+    })
+}
+
+/// 8 bits are enough until their steps show beside the bound.
+fn depth_for(max_error: f32) -> PngDepth {
+    if max_error < 5.0 / 255.0 { PngDepth::Sixteen } else { PngDepth::Eight }
+}
+
+/// Charts and lights the regions that no earlier round had.
+fn add_regions(
+    surface: &Surface<'_>,
+    signal: &dyn Signal,
+    regions: &[Vec<TriangleId>],
+    plan: &Plan,
+    kept: &mut Kept,
+    clock: &mut Clock<'_>,
+) -> Result<(), BakeError> {
+    let new: Vec<Vec<TriangleId>> = regions.iter().filter(|r| !kept.contains_key(*r)).cloned().collect();
+    clock.stage("chart");
+    let options = ChartOptions { gutter: GUTTER_TEXELS, ..ChartOptions::new(plan.radius) };
+    let (new_charts, _) = charts(&surface.mesh, &surface.adjacency, &new, &options)?;
+    clock.stage("texel");
+    let texels = lift(&surface.mesh, &surface.adjacency, &new_charts, plan.seed);
+    let estimates = shade_texels(signal, &texels, plan, clock);
+
+    let mut region_of: Vec<(TriangleId, usize)> =
+        new.iter().enumerate().flat_map(|(r, region)| region.iter().map(move |&t| (t, r))).collect();
+    region_of.sort_unstable();
+    let mut made: Vec<Region> = new.iter().map(|_| Region::default()).collect();
+    for ((chart, texels), light) in new_charts.into_iter().zip(texels).zip(estimates) {
+        let at = region_of.binary_search_by_key(&chart.triangles[0], |(t, _)| *t);
+        let region = &mut made[region_of[at.expect("a chart's triangles come from a region")].1];
+        region.charts.push(chart);
+        region.texels.push(texels);
+        region.light.push(light);
+    }
+    kept.extend(new.into_iter().zip(made));
+    Ok(())
+}
+
+/// The light of a chart's texels, by texel; those without a lift have none.
+struct TexelLight {
+    values: Vec<f32>,
+    variances: Vec<f32>,
+    valid: Vec<bool>,
+    shaded: usize,
+    rays: u64,
+}
+
+/// Shades every lifted texel until its noise is low enough or its rays are spent.
+fn shade_texels(
+    signal: &dyn Signal,
+    texels: &[ChartTexels],
+    plan: &Plan,
+    clock: &Clock<'_>,
+) -> Vec<TexelLight> {
+    let lifted = |t: &ChartTexels| -> Vec<(SurfacePoint, u64)> {
+        t.lift.iter().zip(&t.keys).filter_map(|(lift, &key)| lift.map(|point| (point, key))).collect()
+    };
+    let (points, keys): (Vec<SurfacePoint>, Vec<u64>) = texels.iter().flat_map(lifted).unzip();
+    let [first, most] = plan.effort.texel_batches;
+    let mut light = Estimates::new(points.len(), signal.channels());
+    refine(&mut light, signal, &points, &keys, &vec![first; points.len()], clock);
+    let goal = plan.effort.texel_noise.min(plan.max_error / 3.0).powi(2);
+    let wanted: Vec<u16> = (0..points.len())
+        .map(|i| {
+            let needed = f32::from(first) * light.variance_of_mean(i, 0) / goal;
+            (needed.ceil() as u16).clamp(first, most)
+        })
+        .collect();
+    refine(&mut light, signal, &points, &keys, &wanted, clock);
+
+    let mut next = 0..points.len();
+    texels
+        .iter()
+        .map(|t| {
+            let count = t.len();
+            let mut own = TexelLight {
+                values: vec![0.0; count],
+                variances: vec![0.0; count],
+                valid: vec![false; count],
+                shaded: 0,
+                rays: 0,
+            };
+            for texel in (0..count).filter(|&texel| t.lift[texel].is_some()) {
+                let i = next.next().expect("one point per lifted texel");
+                own.values[texel] = light.mean(i)[0];
+                own.variances[texel] = light.variance_of_mean(i, 0);
+                own.valid[texel] = light.valid(i);
+                own.shaded += 1;
+                own.rays += u64::from(light.batches(i)) * u64::from(signal.rays_per_batch());
+            }
+            // A chart that lies inside other geometry as a whole keeps the light that it has.
+            if !own.valid.contains(&true) {
+                own.valid = t.lift.iter().map(Option::is_some).collect();
+            }
+            own
+        })
+        .collect()
+}
+
+/// The charts of a round, region after region.
+#[derive(Default)]
+struct ShownCharts {
+    charts: Vec<Chart>,
+    texels: Vec<ChartTexels>,
+    values: Vec<Vec<f32>>,
+    valid: Vec<Vec<bool>>,
+    variances: Vec<Vec<f32>>,
+    shaded: usize,
+    rays: u64,
+}
+
+impl ShownCharts {
+    fn add(&mut self, region: &Region) {
+        self.charts.extend_from_slice(&region.charts);
+        self.texels.extend_from_slice(&region.texels);
+        for light in &region.light {
+            self.values.push(light.values.clone());
+            self.valid.push(light.valid.clone());
+            self.variances.push(light.variances.clone());
+            self.shaded += light.shaded;
+            self.rays += light.rays;
+        }
+    }
+}
+
+/// Fits the color-vertices again, with the atlas's values held at texture-vertices: the shader interpolates
+/// between both. Along a chart edge it shows the texels and not a line, so what it shows beyond the line is
+/// taken off the samples first.
+fn refit(
+    surface: &Surface<'_>,
+    lit: &Lit,
+    is_texture: &[bool],
+    charts: &[Chart],
+    readback: &[Vec<f32>],
+) -> Result<Vec<f32>, BakeError> {
+    let count = surface.mesh.vertex_count();
+    let (mut sums, mut places) = (vec![0.0_f32; count], vec![0_u32; count]);
+    for (chart, values) in charts.iter().zip(readback) {
+        for (v, value) in chart.vertices.iter().zip(values) {
+            sums[v.index()] += value;
+            places[v.index()] += 1;
+        }
+    }
+    let held: Vec<bool> = places.iter().map(|&n| n > 0).collect();
+    let values: Vec<f32> = sums.iter().zip(&places).map(|(sum, &n)| sum / n.max(1) as f32).collect();
+    let weights: Vec<f32> = lit
+        .samples
+        .points
+        .iter()
+        .zip(&lit.weights)
+        .map(|(point, &weight)| if is_texture[point.triangle.index()] { 0.0 } else { weight })
+        .collect();
+    let observations = Observations {
+        points: &lit.samples.points,
+        weights: &weights,
+        values: lit.estimates.means(),
+        channels: lit.estimates.channels,
+    };
+    let held = Held { vertices: &held, values: &values };
+    Ok(fit(&surface.mesh, &surface.adjacency, &observations, Some(&held), &fit_options())?.values)
+}
+
+/// Decodes all samples and seen points of color triangles and lists the triangles that break the bound.
+fn wrong_triangles(
+    surface: &Surface<'_>,
+    lit: &Lit,
+    seen: &References,
+    is_texture: &[bool],
+    shown: &Shown,
+    plan: &Plan,
+) -> Result<Vec<TriangleId>, BakeError> {
+    let view = shown.stored.view()?;
+    let show = |p: SurfacePoint| decode(shown.codes.of_triangle(&surface.mesh, p.triangle), p.barycentric, &view);
+    let color = |p: SurfacePoint| !is_texture[p.triangle.index()];
+    let checked: Vec<usize> = (0..lit.samples.points.len())
+        .filter(|&i| lit.weights[i] > 0.0 && color(lit.samples.points[i]))
+        .collect();
+    let beyond: Vec<TriangleId> = checked
+        .par_iter()
+        .filter(|&&i| lit.is_beyond(i, show(lit.samples.points[i]), plan.max_error))
+        .map(|&i| lit.samples.points[i].triangle)
+        .collect();
+    let fresh = (0..seen.points.len()).into_par_iter().filter_map(|i| {
+        let point = seen.points[i];
+        (color(point) && seen.is_beyond(i, show(point), plan.max_error)).then_some(point.triangle)
+    });
+    let mut triangles: Vec<TriangleId> = beyond.into_iter().chain(fresh.collect::<Vec<_>>()).collect();
+    triangles.sort_unstable();
+    triangles.dedup();
+    Ok(triangles)
+}

@@ -1,0 +1,198 @@
+//! Light, fit, classify: rays where a decision is open, and nowhere else.
+//!
+//! A maximum over noisy samples always exceeds a bound of 3 % in the end, so the decision of Schaefer eq. 5
+//! is taken with a confidence bound, and the samples of undecided triangles get more rays until they decide
+//! or the budget of a sample is spent. What is still undecided then stays a color triangle: its error exceeds
+//! the bound by no more than the noise that the report states.
+
+use lightkiln_classify::{Residuals, Verdict, classify};
+use lightkiln_fit::{Bounds, FitOptions, Observations, fit};
+use lightkiln_light::{Estimates, Signal};
+use lightkiln_mesh::{SurfacePoint, TriangleId};
+use lightkiln_sample::Samples;
+use rayon::prelude::*;
+
+use crate::clock::Clock;
+use crate::options::{CONFIDENCE, Plan};
+use crate::{BakeError, Surface};
+
+/// Samples with their light, the vertex values fitted to them, and what follows for each triangle.
+pub struct Lit {
+    /// The samples.
+    pub samples: Samples,
+    /// Their light.
+    pub estimates: Estimates,
+    /// Weights in the fit: the area that a sample stands for, zero inside other geometry.
+    pub weights: Vec<f32>,
+    /// One value per light vertex.
+    pub values: Vec<f32>,
+    /// Whether the bound asks for texture, per triangle.
+    pub needs_texture: Vec<bool>,
+}
+
+impl Lit {
+    /// Whether a value breaks the bound at a sample, beyond the sample's noise.
+    pub fn is_beyond(&self, sample: usize, shown: f32, limit: f32) -> bool {
+        let noise = CONFIDENCE * self.estimates.variance_of_mean(sample, 0).sqrt();
+        (shown - self.estimates.mean(sample)[0]).abs() - noise > limit
+    }
+}
+
+/// Shades the samples, fits the vertices and classifies the triangles, with more rays where it matters.
+///
+/// # Errors
+/// [`BakeError::Fit`].
+pub fn light_fit_classify(
+    surface: &Surface<'_>,
+    signal: &dyn Signal,
+    samples: Samples,
+    plan: &Plan,
+    clock: &mut Clock<'_>,
+) -> Result<Lit, BakeError> {
+    let [first, most] = plan.effort.sample_batches;
+    let mut estimates = Estimates::new(samples.points.len(), signal.channels());
+    let mut wanted = vec![first; samples.points.len()];
+    clock.stage("light");
+    refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
+    let weights = weights(surface, &samples, &estimates);
+    loop {
+        clock.stage("fit");
+        let values = fit_vertices(surface, &samples, &estimates, &weights)?;
+        clock.stage("classify");
+        let verdicts = classify_triangles(surface, &samples, &estimates, &weights, &values, plan);
+        let mut open = 0_usize;
+        for (triangle, _) in verdicts.iter().enumerate().filter(|(_, v)| **v == Verdict::Open) {
+            for sample in samples.of_triangle(TriangleId(triangle as u32)) {
+                if weights[sample] > 0.0 && wanted[sample] < most {
+                    wanted[sample] = (wanted[sample] * 2).min(most);
+                    open += 1;
+                }
+            }
+        }
+        if open == 0 {
+            let needs_texture = verdicts.iter().map(|v| *v == Verdict::Texture).collect();
+            return Ok(Lit { samples, estimates, weights, values, needs_texture });
+        }
+        clock.stage("light");
+        refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
+    }
+}
+
+/// Shades samples with as many batches each and fits the vertices: least squares alone, for pictures.
+///
+/// # Errors
+/// [`BakeError::Fit`].
+pub fn light_and_fit(
+    surface: &Surface<'_>,
+    signal: &dyn Signal,
+    samples: Samples,
+    batches: u16,
+    clock: &mut Clock<'_>,
+) -> Result<Vec<f32>, BakeError> {
+    clock.stage("light");
+    let mut estimates = Estimates::new(samples.points.len(), signal.channels());
+    let wanted = vec![batches; samples.points.len()];
+    refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
+    let weights = weights(surface, &samples, &estimates);
+    clock.stage("fit");
+    fit_vertices(surface, &samples, &estimates, &weights)
+}
+
+/// Points that are shaded between two looks at the progress.
+const CHUNK: usize = 1 << 17;
+
+/// Adds rays chunk by chunk and tells the clock; the chunks do not show in the result.
+pub fn refine(
+    estimates: &mut Estimates,
+    signal: &dyn Signal,
+    points: &[SurfacePoint],
+    keys: &[u64],
+    wanted: &[u16],
+    clock: &Clock<'_>,
+) {
+    let count = points.len();
+    let mut now = vec![0; count];
+    for start in (0..count).step_by(CHUNK) {
+        let end = (start + CHUNK).min(count);
+        now[start..end].copy_from_slice(&wanted[start..end]);
+        estimates.refine(signal, points, keys, &now);
+        now[start..end].fill(0);
+        clock.share(end as f32 / count as f32);
+    }
+}
+
+/// A sheet counts as hidden inside other geometry when less than this share of its area is not.
+const SEEN_SHARE: f64 = 0.02;
+
+/// The area of each sample, zero inside other geometry: unless that holds for a whole sheet, which then keeps
+/// the light that it has. (A lining modelled as one layer sees nothing but the backs of other panels.)
+fn weights(surface: &Surface<'_>, samples: &Samples, estimates: &Estimates) -> Vec<f32> {
+    let (sheet_of, sheets) = lightkiln_mesh::sheets(&surface.mesh);
+    let sheet = |sample: usize| sheet_of[samples.points[sample].triangle.index()] as usize;
+    let (mut seen, mut all) = (vec![0.0_f64; sheets], vec![0.0_f64; sheets]);
+    for (sample, &area) in samples.areas.iter().enumerate() {
+        all[sheet(sample)] += f64::from(area);
+        if estimates.valid(sample) {
+            seen[sheet(sample)] += f64::from(area);
+        }
+    }
+    samples
+        .areas
+        .iter()
+        .enumerate()
+        .map(|(sample, &area)| {
+            let hidden_sheet = seen[sheet(sample)] < SEEN_SHARE * all[sheet(sample)];
+            if estimates.valid(sample) || hidden_sheet { area } else { 0.0 }
+        })
+        .collect()
+}
+
+fn fit_vertices(
+    surface: &Surface<'_>,
+    samples: &Samples,
+    estimates: &Estimates,
+    weights: &[f32],
+) -> Result<Vec<f32>, BakeError> {
+    let observations = Observations {
+        points: &samples.points,
+        weights,
+        values: estimates.means(),
+        channels: estimates.channels,
+    };
+    Ok(fit(&surface.mesh, &surface.adjacency, &observations, None, &fit_options())?.values)
+}
+
+/// How vertices are fitted: ours, within the range of the signal.
+pub fn fit_options() -> FitOptions {
+    FitOptions { bounds: Bounds::Clamp { low: 0.0, high: 1.0 }, ..FitOptions::default() }
+}
+
+/// Linear interpolation of vertex values (Schaefer eq. 1), for one channel.
+pub fn interpolate(surface: &Surface<'_>, values: &[f32], point: SurfacePoint) -> f32 {
+    let corners = surface.mesh.triangles[point.triangle.index()];
+    let weights = point.weights();
+    corners.iter().zip(weights).map(|(v, w)| w * values[v.index()]).sum()
+}
+
+fn classify_triangles(
+    surface: &Surface<'_>,
+    samples: &Samples,
+    estimates: &Estimates,
+    weights: &[f32],
+    values: &[f32],
+    plan: &Plan,
+) -> Vec<Verdict> {
+    let errors: Vec<f32> = (0..samples.points.len())
+        .into_par_iter()
+        .map(|i| (estimates.mean(i)[0] - interpolate(surface, values, samples.points[i])).abs())
+        .collect();
+    let sigmas: Vec<f32> = (0..errors.len()).map(|i| estimates.variance_of_mean(i, 0).sqrt()).collect();
+    let valid: Vec<bool> = weights.iter().map(|&w| w > 0.0).collect();
+    let residuals = Residuals {
+        triangle_starts: samples.triangle_starts(),
+        errors: &errors,
+        sigmas: &sigmas,
+        valid: &valid,
+    };
+    classify(&residuals, plan.max_error, CONFIDENCE)
+}

@@ -1,0 +1,367 @@
+//! The command line, and the configuration file that may stand in for parts of it.
+//!
+//! A value on the command line wins over the file, the file over the default. Keys of the file are the long
+//! options without their dashes; an unknown key is an error.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use lightkiln_bake::{BakeOptions, Quality};
+use lightkiln_scene::Fallback;
+use serde::{Deserialize, Serialize};
+
+use crate::messages::{Exit, Failure};
+
+/// Bakes light onto glTF meshes in the fewest bytes that keep an error bound.
+#[derive(Parser)]
+#[command(version, about, after_help = EXIT_CODES, disable_help_subcommand = true)]
+pub struct Arguments {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const EXIT_CODES: &str = "\
+Exit codes: 0 done; 1 wrong arguments; 2 a file cannot be read or written; 3 the input is invalid;
+4 the bake failed; 5 the input needs something unsupported; 6 the error bound does not hold;
+7 the byte budget is exceeded.";
+
+/// What to do.
+#[derive(Subcommand)]
+pub enum Command {
+    /// Bake light onto a scene and write it with a report of its bytes and errors
+    Bake(Box<Bake>),
+    /// Print what a baked or unbaked file costs on the GPU
+    Inspect(Inspect),
+    /// Decode a baked file as the GPU shows it and compare with freshly traced light
+    Verify(Verify),
+    /// Make a picture of a scene or of its baked light, without a GPU
+    Render(Render),
+}
+
+/// Arguments of `bake`.
+#[derive(Args)]
+pub struct Bake {
+    /// Scene to bake: .gltf or .glb
+    pub input: PathBuf,
+    /// Baked scene to write: .gltf or .glb
+    #[arg(short, long)]
+    pub output: PathBuf,
+    #[command(flatten)]
+    pub settings: BakeSettings,
+    /// Read settings from a TOML file; the command line wins
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Print the settings as TOML with every given value filled in, and stop
+    #[arg(long)]
+    pub print_config: bool,
+    /// Write the report as JSON
+    #[arg(long, value_name = "R.json")]
+    pub report: Option<PathBuf>,
+    /// Write a Make-style dependency file: all outputs, and every file that was read
+    #[arg(long, value_name = "D")]
+    pub depfile: Option<PathBuf>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+/// What every command that computes takes.
+#[derive(Args, Clone, Copy, Default)]
+pub struct Common {
+    /// Threads; all cores by default. The result does not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// No progress and no table: errors and warnings only
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Everything about a bake that may also stand in a configuration file.
+#[derive(Args, Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct BakeSettings {
+    /// Largest error, as a share of the signal's range [default: 0.03]
+    #[arg(long, value_name = "E")]
+    pub max_error: Option<f32>,
+    /// Smallest feature to keep, in metres (units of the file) [default: from the number of samples]
+    #[arg(long, value_name = "METRES", conflicts_with = "samples")]
+    pub detail: Option<f32>,
+    /// About so many samples over the surface [default: by quality, 60k, 250k or 1M]
+    #[arg(long, value_name = "N")]
+    pub samples: Option<usize>,
+    /// How much work to do [default: normal]
+    #[arg(long, value_enum)]
+    pub quality: Option<QualityName>,
+    /// Occluders farther away do not count, in metres, or `inf` [default: a tenth of the scene's diagonal]
+    #[arg(long, value_name = "METRES")]
+    pub ao_distance: Option<f32>,
+    /// Seed of all random numbers [default: 0]
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// What viewers see that do not know the extension [default: color0]
+    #[arg(long, value_enum)]
+    pub fallback: Option<FallbackName>,
+    /// Which scene of the file to bake [default: the file's default scene]
+    #[arg(long, value_name = "N")]
+    pub scene: Option<usize>,
+    /// Fail with exit code 7 when the light takes more than this on the GPU, such as 2MiB or 500kB
+    #[arg(long, value_name = "BYTES")]
+    pub max_bytes: Option<ByteCount>,
+    /// Also write the atlas as OpenEXR beside the output
+    #[arg(long)]
+    #[serde(default)]
+    pub exr: bool,
+}
+
+/// Names of [`Quality`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum QualityName {
+    /// Seconds: for a first look
+    Draft,
+    /// The default
+    Normal,
+    /// For delivery
+    Final,
+}
+
+/// Names of [`Fallback`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FallbackName {
+    /// The light as vertex colors, multiplied into those that are there
+    Color0,
+    /// Nothing: only viewers that know the extension show light
+    None,
+}
+
+/// A number of bytes with an optional unit: `500kB`, `2MiB`, `1048576`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct ByteCount(pub u64);
+
+impl std::str::FromStr for ByteCount {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic()).trim_end();
+        let unit = text[digits.len()..].trim();
+        let factor = match unit.to_ascii_lowercase().as_str() {
+            "" | "b" => 1.0,
+            "k" | "kb" => 1e3,
+            "m" | "mb" => 1e6,
+            "g" | "gb" => 1e9,
+            "kib" => 1024.0,
+            "mib" => 1_048_576.0,
+            "gib" => 1_073_741_824.0,
+            _ => return Err(format!("unknown unit {unit:?}: use B, kB, MB, GB, kiB, MiB or GiB")),
+        };
+        match digits.parse::<f64>() {
+            Ok(number) if number.is_finite() && number >= 0.0 => Ok(Self((number * factor) as u64)),
+            _ => Err(format!("{digits:?} is not a number of bytes")),
+        }
+    }
+}
+
+impl TryFrom<String> for ByteCount {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<ByteCount> for String {
+    fn from(count: ByteCount) -> Self {
+        count.0.to_string()
+    }
+}
+
+impl BakeSettings {
+    /// These settings, with those of a file where they say nothing.
+    fn or(self, file: Self) -> Self {
+        // A detail on the command line overrules samples in the file, and the other way round.
+        let scale_given = self.detail.is_some() || self.samples.is_some();
+        Self {
+            max_error: self.max_error.or(file.max_error),
+            detail: self.detail.or(if scale_given { None } else { file.detail }),
+            samples: self.samples.or(if scale_given { None } else { file.samples }),
+            quality: self.quality.or(file.quality),
+            ao_distance: self.ao_distance.or(file.ao_distance),
+            seed: self.seed.or(file.seed),
+            fallback: self.fallback.or(file.fallback),
+            scene: self.scene.or(file.scene),
+            max_bytes: self.max_bytes.or(file.max_bytes),
+            exr: self.exr || file.exr,
+        }
+    }
+
+    /// The options of the bake.
+    pub fn options(&self) -> BakeOptions {
+        let defaults = BakeOptions::default();
+        BakeOptions {
+            max_error: self.max_error.unwrap_or(defaults.max_error),
+            detail: self.detail,
+            samples: self.samples,
+            quality: match self.quality {
+                Some(QualityName::Draft) => Quality::Draft,
+                Some(QualityName::Final) => Quality::Final,
+                Some(QualityName::Normal) | None => Quality::Normal,
+            },
+            ao_distance: self.ao_distance,
+            seed: self.seed.unwrap_or(defaults.seed),
+            fallback: match self.fallback {
+                Some(FallbackName::None) => Fallback::None,
+                Some(FallbackName::Color0) | None => Fallback::Color0,
+            },
+            scene: self.scene,
+            exr: self.exr,
+        }
+    }
+}
+
+impl Bake {
+    /// The settings of the command line, completed from the configuration file.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is not TOML, or has an unknown key or a value of the wrong type.
+    pub fn settings(&self) -> Result<BakeSettings, Failure> {
+        let Some(path) = &self.config else { return Ok(self.settings.clone()) };
+        let text = std::fs::read_to_string(path).map_err(|e| Failure::reading(path, &e))?;
+        let file: BakeSettings = toml::from_str(&text).map_err(|e| {
+            Failure::new(Exit::Usage, e.message().to_owned())
+                .place(match e.span() {
+                    Some(span) => format!("{}:{}", path.display(), 1 + text[..span.start].matches('\n').count()),
+                    None => path.display().to_string(),
+                })
+                .remedy("keys are the long options of `lightkiln bake` without dashes; see `lightkiln bake --help`")
+        })?;
+        if file.detail.is_some() && file.samples.is_some() {
+            return Err(Failure::new(Exit::Usage, "detail and samples exclude each other")
+                .place(path.display().to_string())
+                .remedy("keep one of them"));
+        }
+        Ok(self.settings.clone().or(file))
+    }
+}
+
+/// Arguments of `inspect`.
+#[derive(Args)]
+pub struct Inspect {
+    /// A .gltf or .glb file
+    pub file: PathBuf,
+    /// Fail with exit code 7 when the light takes more than this on the GPU, such as 2MiB or 500kB
+    #[arg(long, value_name = "BYTES")]
+    pub max_bytes: Option<ByteCount>,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `verify`.
+#[derive(Args)]
+pub struct Verify {
+    /// A baked .gltf or .glb file
+    pub file: PathBuf,
+    /// Fresh points to trace
+    #[arg(long, value_name = "N", default_value_t = 50_000, value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    pub points: u32,
+    /// Rays of each reference
+    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
+    pub rays: u32,
+    /// Seed of the points and rays; the bake used others
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+/// Arguments of `render`.
+#[derive(Args)]
+pub struct Render {
+    /// A .gltf or .glb file
+    pub file: PathBuf,
+    /// Picture to write: .png
+    #[arg(short, long)]
+    pub output: PathBuf,
+    /// What to show: one mode, or several separated by commas side by side
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "light")]
+    pub mode: Vec<ModeName>,
+    /// Where to look from: front, back, left, right, top, bottom, three-quarter, or AZIMUTH,ELEVATION in degrees
+    #[arg(long, default_value = "three-quarter", allow_hyphen_values = true)]
+    pub view: String,
+    /// Fill the picture with this share of the scene around its middle; below 1 goes closer
+    #[arg(long, default_value_t = 1.0)]
+    pub zoom: f32,
+    /// Look at this point instead of the middle of the scene
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true)]
+    pub target: Option<Vec<f32>>,
+    /// Width and height of one picture in pixels
+    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    pub size: u32,
+    /// Rays per pixel for modes that trace light
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=65536))]
+    pub rays: u32,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+/// Modes of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ModeName {
+    /// The baked light as the shader shows it
+    Light,
+    /// The light traced at every pixel
+    Reference,
+    /// Vertices only, sampled at the vertices
+    Point,
+    /// Vertices only, least squares
+    LeastSquares,
+    /// Texture triangles red, mixed ones yellow, color triangles by their light
+    Classes,
+    /// Ten times the difference between baked and traced light
+    Error,
+    /// Charts in different colors
+    Charts,
+    /// Plain shape
+    Clay,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arguments_definition_is_consistent() {
+        use clap::CommandFactory;
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn byte_count_reads_units() {
+        assert_eq!("2MiB".parse(), Ok(ByteCount(2_097_152)));
+        assert_eq!("500 kB".parse(), Ok(ByteCount(500_000)));
+        assert_eq!("1048576".parse(), Ok(ByteCount(1_048_576)));
+        assert!("2 parsecs".parse::<ByteCount>().is_err());
+        assert!("-1".parse::<ByteCount>().is_err());
+        assert!("MiB".parse::<ByteCount>().is_err());
+    }
+
+    #[test]
+    fn settings_command_line_wins_over_file() {
+        let file: BakeSettings =
+            toml::from_str("max-error = 0.01\ndetail = 0.5\nmax-bytes = \"2MiB\"\nquality = \"draft\"").unwrap();
+        let line = BakeSettings { samples: Some(10), max_error: Some(0.02), ..Default::default() };
+        let both = line.or(file);
+        assert_eq!((both.max_error, both.detail, both.samples), (Some(0.02), None, Some(10)));
+        assert_eq!(both.max_bytes, Some(ByteCount(2_097_152)));
+    }
+
+    #[test]
+    fn settings_unknown_key_is_refused() {
+        assert!(toml::from_str::<BakeSettings>("maxerror = 0.01").is_err());
+    }
+}

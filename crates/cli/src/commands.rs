@@ -1,0 +1,201 @@
+//! One function per command: read, compute, print, exit code.
+
+use std::io::Write;
+use std::path::Path;
+
+use lightkiln_bake::{BakeError, bake};
+use lightkiln_report::{bytes_text, table};
+
+use crate::arguments::{Arguments, Bake, Command, Common, Inspect, Verify};
+use crate::files::{depfile, write_whole};
+use crate::messages::{Exit, Failure};
+use crate::pictures;
+use crate::progress::Stages;
+
+/// Runs a command.
+///
+/// # Errors
+/// One message with place, remedy and exit code.
+pub fn run(arguments: Arguments) -> Result<Exit, Failure> {
+    match arguments.command {
+        Command::Bake(bake) => run_bake(&bake),
+        Command::Inspect(inspect) => run_inspect(&inspect),
+        Command::Verify(verify) => run_verify(&verify),
+        Command::Render(render) => pictures::run(&render),
+    }
+}
+
+/// Sets the number of threads of everything that follows.
+pub fn use_threads(common: &Common) -> Result<(), Failure> {
+    let threads = common.threads.map_or(0, usize::from);
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global()
+        .map_err(|e| Failure::new(Exit::Failed, format!("cannot start {threads} threads: {e}")))
+}
+
+fn run_bake(arguments: &Bake) -> Result<Exit, Failure> {
+    let settings = arguments.settings()?;
+    if arguments.print_config {
+        let text = toml::to_string(&settings).map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
+        return print(&text);
+    }
+    use_threads(&arguments.common)?;
+    refuse_overwriting(&arguments.input, &arguments.output)?;
+    let stages = Stages::new(arguments.common.quiet);
+    let baked = bake(&arguments.input, &arguments.output, &settings.options(), &stages);
+    stages.finish();
+    let mut baked = baked?;
+    baked.report.peak_memory_bytes = peak_memory_bytes();
+    let report = &baked.report;
+
+    if let Some(path) = &arguments.report {
+        write_whole(path, report.to_json().as_bytes())?;
+        baked.outputs.push(path.clone());
+    }
+    if let Some(path) = &arguments.depfile {
+        let mut inputs = baked.inputs.clone();
+        inputs.extend(arguments.config.clone());
+        write_whole(path, depfile(&baked.outputs, &inputs).as_bytes())?;
+    }
+    if arguments.common.json {
+        print(&report.to_json())?;
+    } else if !arguments.common.quiet {
+        print(&table::render(report))?;
+    }
+    if let Some(limit) = settings.max_bytes.filter(|limit| report.bytes.total > limit.0) {
+        return Err(over_budget(report.bytes.total, limit.0, &report.bytes.largest));
+    }
+    if !report.errors.bound.kept() {
+        let bound = &report.errors.bound;
+        return Err(Failure::new(
+            Exit::Bound,
+            format!(
+                "the bound of {} is exceeded at {} samples and {:.2} % of the fresh points in color triangles",
+                bound.limit,
+                bound.samples_beyond,
+                bound.color_share_beyond() * 100.0
+            ),
+        )
+        .place(format!("{}, which was written all the same", arguments.output.display()))
+        .remedy("ask for a smaller --detail, more --samples or a higher --quality"));
+    }
+    Ok(Exit::Done)
+}
+
+/// The input must not be the output: a bake that fails half-way through a review must not cost the asset.
+fn refuse_overwriting(input: &Path, output: &Path) -> Result<(), Failure> {
+    let same = match (input.canonicalize(), output.canonicalize()) {
+        (Ok(input), Ok(output)) => input == output,
+        _ => false,
+    };
+    if same {
+        return Err(Failure::new(Exit::Usage, "input and output are the same file")
+            .place(input.display().to_string())
+            .remedy("write to another name: -o NAME.baked.glb"));
+    }
+    Ok(())
+}
+
+fn over_budget(total: u64, limit: u64, largest: &[lightkiln_report::Contributor]) -> Failure {
+    let names: Vec<String> =
+        largest.iter().take(3).map(|c| format!("{} {}", c.name, bytes_text(c.bytes))).collect();
+    Failure::new(
+        Exit::Budget,
+        format!("the light takes {} on the GPU, {} more than allowed", bytes_text(total), bytes_text(total - limit)),
+    )
+    .place(format!("largest: {}", names.join(", ")))
+    .remedy("raise --max-error or --detail, or the budget")
+}
+
+fn run_inspect(arguments: &Inspect) -> Result<Exit, Failure> {
+    let inspection = lightkiln_bake::inspect::inspect(&arguments.file)?;
+    if arguments.json {
+        print(&inspection.to_json())?;
+    } else {
+        print(&inspection.to_text())?;
+    }
+    match (arguments.max_bytes, inspection.light_bytes()) {
+        (Some(limit), Some(total)) if total > limit.0 => Err(over_budget(total, limit.0, &inspection.largest)),
+        _ => Ok(Exit::Done),
+    }
+}
+
+fn run_verify(arguments: &Verify) -> Result<Exit, Failure> {
+    use_threads(&arguments.common)?;
+    let stages = Stages::new(arguments.common.quiet);
+    let options = lightkiln_bake::verify::VerifyOptions {
+        points: arguments.points as usize,
+        rays: arguments.rays,
+        seed: arguments.seed,
+    };
+    let verified = lightkiln_bake::verify::verify_file(&arguments.file, &options, &stages);
+    stages.finish();
+    let errors = verified?;
+    if arguments.common.json {
+        let mut text = serde_json::to_string_pretty(&errors).map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
+        text.push('\n');
+        print(&text)?;
+    } else if !arguments.common.quiet {
+        print(&table::errors_table(&errors))?;
+    }
+    if errors.bound.kept() {
+        return Ok(Exit::Done);
+    }
+    Err(Failure::new(
+        Exit::Bound,
+        format!(
+            "the bound of {} is exceeded at {:.2} % of the fresh points in color triangles",
+            errors.bound.limit,
+            errors.bound.color_share_beyond() * 100.0
+        ),
+    )
+    .place(arguments.file.display().to_string())
+    .remedy("bake again with a smaller --detail, more --samples or a higher --quality"))
+}
+
+/// Prints a result. A reader that went away is no failure.
+fn print(text: &str) -> Result<Exit, Failure> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Ok(()) => Ok(Exit::Done),
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(Exit::Done),
+        Err(error) => Err(Failure::new(Exit::Files, format!("cannot print: {error}"))),
+    }
+}
+
+/// The largest resident memory of this process so far, where the system tells.
+fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib * 1024)
+}
+
+impl From<BakeError> for Failure {
+    fn from(error: BakeError) -> Self {
+        let exit = match &error {
+            BakeError::Option { .. } => Exit::Usage,
+            BakeError::Scene(scene) => match scene.kind() {
+                lightkiln_scene::ErrorKind::Files => Exit::Files,
+                lightkiln_scene::ErrorKind::Output => Exit::Usage,
+                lightkiln_scene::ErrorKind::Unsupported => Exit::Unsupported,
+                lightkiln_scene::ErrorKind::Invalid => Exit::Input,
+            },
+            BakeError::NothingToBake { .. } | BakeError::NotBaked { .. } | BakeError::Mesh(_) => Exit::Input,
+            _ => Exit::Failed,
+        };
+        let place = match &error {
+            BakeError::Scene(scene) => Some(scene.place().to_string()).filter(|p| !p.is_empty()),
+            _ => None,
+        };
+        let remedy = error.remedy();
+        let mut failure = Self::new(exit, error.to_string());
+        if let Some(place) = place {
+            failure = failure.place(place);
+        }
+        match remedy {
+            Some(remedy) => failure.remedy(remedy),
+            None => failure,
+        }
+    }
+}

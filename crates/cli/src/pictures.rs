@@ -1,0 +1,221 @@
+//! The command `render`: which picture shows what.
+
+use glam::Vec3;
+use lightkiln_bake::{Clock, FileLight, Surface, options, shade};
+use lightkiln_encode::AtlasView;
+use lightkiln_light::{AmbientOcclusion, Estimates, Hit, Signal, Tracer};
+use lightkiln_mesh::{SurfacePoint, random};
+use lightkiln_render::{Camera, Picture, View, render};
+use lightkiln_sample::{SampleOptions, poisson_disk};
+use lightkiln_scene::{ReadOptions, Scene};
+
+use crate::arguments::{ModeName, Render};
+use crate::commands::use_threads;
+use crate::files::write_whole;
+use crate::messages::{Exit, Failure};
+use crate::progress::Stages;
+
+/// Renders the modes that were asked for side by side.
+///
+/// # Errors
+/// A file that cannot be read or written, a view that is none, a mode that needs a baked file.
+pub fn run(arguments: &Render) -> Result<Exit, Failure> {
+    use_threads(&arguments.common)?;
+    let view = View::parse(&arguments.view).ok_or_else(|| {
+        Failure::new(Exit::Usage, format!("{:?} is no view", arguments.view))
+            .remedy("use front, back, left, right, top, bottom, three-quarter, or AZIMUTH,ELEVATION in degrees")
+    })?;
+    if !(arguments.zoom.is_finite() && arguments.zoom > 0.0) {
+        return Err(Failure::new(Exit::Usage, format!("--zoom is {}, but must be above 0", arguments.zoom)));
+    }
+    let stages = Stages::new(arguments.common.quiet);
+    let pictures = render_all(arguments, view, &stages);
+    stages.finish();
+    let row = Picture::row(&pictures?).map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
+    let png = row.to_png().map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
+    write_whole(&arguments.output, &png)?;
+    Ok(Exit::Done)
+}
+
+fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Picture>, Failure> {
+    let file = lightkiln_bake::file_name(&arguments.file);
+    let mut clock = Clock::new(stages);
+    clock.stage("read");
+    let scene =
+        Scene::read(&arguments.file, &ReadOptions::default()).map_err(lightkiln_bake::BakeError::from)?;
+    let surface = Surface::new(&scene, &file)?;
+    let tracer = Tracer::new(&surface.mesh, &surface).map_err(lightkiln_bake::BakeError::from)?;
+    let light = FileLight::read(&scene, &file);
+    let needs_bake = [ModeName::Light, ModeName::Classes, ModeName::Error, ModeName::Charts];
+    let light = match light {
+        Ok(light) => Some(light),
+        Err(lightkiln_bake::BakeError::NotBaked { .. })
+            if !arguments.mode.iter().any(|m| needs_bake.contains(m)) =>
+        {
+            None
+        }
+        Err(error) => return Err(error.into()),
+    };
+    let (low, high) = surface.mesh.bounds();
+    let diagonal = (high - low).length();
+    let distance = match &light {
+        Some(light) => light.extension.distance.unwrap_or(f32::INFINITY),
+        None => diagonal * options::DEFAULT_DISTANCE,
+    };
+    let target = match arguments.target.as_deref() {
+        Some([x, y, z]) => Vec3::new(*x, *y, *z),
+        _ => (low + high) / 2.0,
+    };
+    let camera = Camera::framing(target, diagonal / 2.0, view, arguments.zoom);
+    let studio = Studio {
+        surface: &surface,
+        tracer: &tracer,
+        light: light.as_ref(),
+        view: light.as_ref().map(FileLight::view).transpose()?,
+        distance,
+        camera,
+        size: arguments.size as usize,
+        rays: arguments.rays,
+    };
+    arguments
+        .mode
+        .iter()
+        .map(|&mode| {
+            clock.stage("render");
+            studio.picture(mode, &mut clock)
+        })
+        .collect()
+}
+
+/// What pictures of one scene share.
+struct Studio<'a> {
+    surface: &'a Surface<'a>,
+    tracer: &'a Tracer<'a>,
+    light: Option<&'a FileLight>,
+    view: Option<AtlasView<'a>>,
+    distance: f32,
+    camera: Camera,
+    size: usize,
+    rays: u32,
+}
+
+/// Colors of classes: texture, mixed, color.
+const CLASS_COLORS: [Vec3; 3] =
+    [Vec3::new(0.85, 0.12, 0.10), Vec3::new(0.95, 0.65, 0.10), Vec3::new(0.75, 0.80, 0.85)];
+
+/// By how much an error is magnified to be seen.
+const ERROR_GAIN: f32 = 10.0;
+
+impl Studio<'_> {
+    fn picture(&self, mode: ModeName, clock: &mut Clock<'_>) -> Result<Picture, Failure> {
+        let mesh = &self.surface.mesh;
+        Ok(match mode {
+            ModeName::Clay => self.render(&|hit| Vec3::splat(self.clay(hit))),
+            ModeName::Reference => self.render(&|hit| Vec3::splat(self.traced(hit))),
+            ModeName::Light => self.render(&|hit| Vec3::splat(self.shown(hit))),
+            ModeName::Error => self.render(&|hit| {
+                let error = ERROR_GAIN * (self.shown(hit) - self.traced(hit));
+                // Too bright is red, too dark is blue, right is white.
+                Vec3::ONE - Vec3::new((-error).max(0.0), error.abs(), error.max(0.0)).min(Vec3::ONE)
+            }),
+            ModeName::Classes => self.render(&|hit| self.class_color(hit) * (0.35 + 0.65 * self.clay(hit))),
+            ModeName::Charts => self.render(&|hit| self.chart_color(hit) * (0.35 + 0.65 * self.clay(hit))),
+            ModeName::Point => {
+                let values = self.point_samples();
+                self.render(&|hit| Vec3::splat(shade::interpolate(self.surface, &values, point(hit))))
+            }
+            ModeName::LeastSquares => {
+                let radius = match self.light {
+                    Some(light) => light.extension.texel_size,
+                    None => lightkiln_sample::radius_for(mesh, 250_000),
+                };
+                let values = self.least_squares(radius, clock)?;
+                self.render(&|hit| Vec3::splat(shade::interpolate(self.surface, &values, point(hit))))
+            }
+        })
+    }
+
+    fn render(&self, color: &(dyn Fn(&Hit) -> Vec3 + Sync)) -> Picture {
+        render(self.tracer, self.surface, &self.camera, self.size, color)
+    }
+
+    fn signal(&self) -> AmbientOcclusion<'_> {
+        AmbientOcclusion::new(self.tracer, &self.surface.mesh, self.distance, PICTURE_SEED)
+    }
+
+    fn shown(&self, hit: &Hit) -> f32 {
+        match (self.light, &self.view) {
+            (Some(light), Some(view)) => light.show(view, point(hit)),
+            _ => 0.0,
+        }
+    }
+
+    fn traced(&self, hit: &Hit) -> f32 {
+        let signal = self.signal();
+        let bits = hit.barycentric.map(|b| u64::from(b.to_bits()));
+        let key = random::hash(PICTURE_SEED, u64::from(hit.triangle.0), bits[0], bits[1]);
+        // A quarter of the rays for each of the four places of a pixel.
+        let batches = (self.rays / 4).div_ceil(signal.rays_per_batch()).max(1);
+        let mut sum = 0.0;
+        for batch in 0..batches {
+            let mut out = [0.0];
+            signal.batch(point(hit), key, batch, &mut out);
+            sum += out[0];
+        }
+        sum / batches as f32
+    }
+
+    /// A headlight with a little from above.
+    fn clay(&self, hit: &Hit) -> f32 {
+        let normal = self.surface.mesh.shading_normal(point(hit));
+        let (_, forward) = self.camera.ray(0.0, 0.0);
+        0.15 + 0.6 * normal.dot(forward).abs() + 0.25 * (0.5 + 0.5 * normal.y)
+    }
+
+    fn class_color(&self, hit: &Hit) -> Vec3 {
+        let Some(light) = self.light else { return CLASS_COLORS[2] };
+        match light.codes(hit.triangle).iter().filter(|code| !code.is_color()).count() {
+            3 => CLASS_COLORS[0],
+            0 => CLASS_COLORS[2],
+            _ => CLASS_COLORS[1],
+        }
+    }
+
+    /// A color by 32 x 32 texel cells of the atlas, which charts of their own seldom share.
+    fn chart_color(&self, hit: &Hit) -> Vec3 {
+        let Some(light) = self.light.filter(|l| l.is_texture(hit.triangle)) else { return CLASS_COLORS[2] };
+        let mut place = [0.0_f32; 2];
+        for (code, weight) in light.codes(hit.triangle).iter().zip(point(hit).weights()) {
+            let position = code.position().unwrap_or_default();
+            place = [place[0] + weight * position[0], place[1] + weight * position[1]];
+        }
+        let cell = place.map(|p| (p / 2.0) as u64);
+        let checker = if (cell[0] + cell[1]) % 2 == 0 { 1.0 } else { 0.7 };
+        let hash = random::hash(1, cell[0] / 16, cell[1] / 16, 0);
+        let [r, g] = random::unit2(hash);
+        checker * (Vec3::splat(0.25) + 0.7 * Vec3::new(r, g, 1.0 - 0.5 * (r + g)))
+    }
+
+    fn point_samples(&self) -> Vec<f32> {
+        let mesh = &self.surface.mesh;
+        let vertices = (0..mesh.vertex_count() as u32).map(lightkiln_mesh::VertexId);
+        let points: Vec<SurfacePoint> = vertices.clone().map(|v| self.surface.point_at(v)).collect();
+        let keys: Vec<u64> = vertices.map(|v| random::hash(PICTURE_SEED, u64::from(v.0), 0, 0)).collect();
+        let mut light = Estimates::new(points.len(), 1);
+        light.refine(&self.signal(), &points, &keys, &vec![16; points.len()]);
+        light.means().to_vec()
+    }
+
+    fn least_squares(&self, radius: f32, clock: &mut Clock<'_>) -> Result<Vec<f32>, Failure> {
+        let samples = poisson_disk(&self.surface.mesh, &SampleOptions { radius, seed: PICTURE_SEED })
+            .map_err(lightkiln_bake::BakeError::from)?;
+        Ok(shade::light_and_fit(self.surface, &self.signal(), samples, 8, clock)?)
+    }
+}
+
+/// Pictures have noise of their own, unlike that of any bake with a usual seed.
+const PICTURE_SEED: u64 = 0x9ec7;
+
+fn point(hit: &Hit) -> SurfacePoint {
+    SurfacePoint { triangle: hit.triangle, barycentric: hit.barycentric }
+}
