@@ -4,12 +4,16 @@
 //! vertices that values fitted to samples in between reconstruct better than values sampled at the nodes;
 //! texels are nodes of a bilinear grid, so the same least-squares fit (Schaefer 2012, eq. 2, with the bilinear
 //! weights in place of the barycentric ones) is made here.
+//!
+//! Measured (benches/texels.rs, one sample per texel): the root mean square error falls by 3 to 15 %, and by 4
+//! to 16 % where values have a noise of 0.02; on smooth signals by a third. The largest error, at edges of
+//! shadows, moves by -7 to +20 %.
 
 use crate::TexelError;
-use crate::grid::{Footprint, barycentric};
+use crate::grid::Footprint;
 use crate::lift::ChartTexels;
 use crate::prepare::{Shaded, Trust};
-use glam::{DVec2, Vec2};
+use glam::Vec2;
 use lightkiln_chart::Chart;
 use lightkiln_mesh::{Mesh, SurfacePoint};
 use rayon::prelude::*;
@@ -99,22 +103,12 @@ impl Observations {
     }
 }
 
-/// The chart coordinates of a surface point in entry `local` of a chart's triangles.
+/// The chart coordinates, in texels, of a point in entry `local` of a chart's triangles.
+///
+/// `barycentric` holds the weights of the second and third corner. Panics where `local` is no entry.
 pub fn chart_uv(chart: &Chart, local: usize, barycentric: [f32; 2]) -> Vec2 {
     let [a, b, c] = chart.corners[local].map(|v| chart.uv[v as usize]);
     a * (1.0 - barycentric[0] - barycentric[1]) + b * barycentric[0] + c * barycentric[1]
-}
-
-/// The surface point of chart coordinates, for tests and tools: linear in the chart's triangles.
-pub fn surface_point(chart: &Chart, uv: Vec2) -> Option<SurfacePoint> {
-    chart.corners.iter().zip(&chart.triangles).find_map(|(corners, &triangle)| {
-        let corners: [DVec2; 3] = corners.map(|v| chart.uv[v as usize].as_dvec2());
-        let weights = barycentric(&corners, uv.as_dvec2())?;
-        weights
-            .iter()
-            .all(|&w| w >= 0.0)
-            .then_some(SurfacePoint { triangle, barycentric: [weights[1] as f32, weights[2] as f32] })
-    })
 }
 
 /// Conjugate gradients stop at this residual, relative to the first.

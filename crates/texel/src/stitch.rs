@@ -48,8 +48,8 @@ pub struct StitchOptions<'a> {
     /// More values at points inside the charts: all texels are then fitted to them, in the sense of least
     /// squares, before borders are stitched.
     pub observations: Option<&'a Observations>,
-    /// Pull of a half texel of seam, relative to the 1 of a shaded texel. Larger: seams vanish sooner, and
-    /// blur more where the two grids do not line up.
+    /// Pull of a half texel of seam, relative to the 1 of a shaded texel. Larger: less mismatch, more blur, for
+    /// two grids that do not line up can agree along a whole seam only on what is linear there.
     pub seam_weight: f32,
     /// Pull between the places of a light vertex.
     pub vertex_weight: f32,
@@ -91,15 +91,16 @@ pub struct StitchReport {
     pub unknowns: usize,
     /// Seam edges of the mesh.
     pub seams: usize,
-    /// Light vertices with several places.
+    /// Light vertices with several places that are made to agree: where color triangles meet the vertex, or no
+    /// seam edge around it is shorter than 1.5 texels. The others are ends of short seam edges, and count there.
     pub shared_vertices: usize,
     /// Along seams, of the values as they came (after filling).
     pub seam_before: Mismatch,
     /// Along seams, at the end.
     pub seam_after: Mismatch,
-    /// Between the places of each vertex, before.
+    /// Between the places of each shared vertex, before.
     pub vertex_before: Mismatch,
-    /// Between the places of each vertex, at the end.
+    /// Between the places of each shared vertex, at the end.
     pub vertex_after: Mismatch,
     /// Texels that were not valid and took values of their neighbours.
     pub filled: usize,
@@ -147,7 +148,7 @@ pub fn stitch(
         .collect();
     let mut report = StitchReport {
         seams: seams.edges.len(),
-        shared_vertices: seams.exact.len(),
+        shared_vertices: seams.exact.iter().filter(|&&exact| exact).count(),
         filled: shaded.iter().map(|s| s.filled).sum(),
         unfilled: shaded.iter().map(|s| s.unfilled).sum(),
         ..StitchReport::default()
@@ -243,7 +244,7 @@ fn check(
     Ok(())
 }
 
-/// Largest and mean difference along all seams, and between the places of all vertices.
+/// Largest and mean difference along all seams, and between the places of all shared vertices.
 fn mismatch(seams: &Seams, charts: &[Chart], values: &[Vec<f32>], channels: usize) -> (Mismatch, Mismatch) {
     let read = |chart: u32, uv: Vec2, channel: usize| {
         let c = chart as usize;
@@ -265,7 +266,7 @@ fn mismatch(seams: &Seams, charts: &[Chart], values: &[Vec<f32>], channels: usiz
             add(0, widest((left.chart, left.at(t)), (right.chart, right.at(t))), f64::from(share));
         }
     }
-    for (group, _) in seams.groups() {
+    for (group, _) in seams.groups().filter(|(_, exact)| *exact) {
         for place in &group[1..] {
             add(1, widest((group[0].chart, group[0].uv), (place.chart, place.uv)), 1.0);
         }
@@ -282,8 +283,8 @@ fn mismatch(seams: &Seams, charts: &[Chart], values: &[Vec<f32>], channels: usiz
 struct Cluster {
     charts: Vec<u32>,
     seams: Vec<u32>,
-    /// Ranges of `Seams::places`, and whether they must agree exactly.
-    groups: Vec<(u32, u32, bool)>,
+    /// Ranges of `Seams::places` that must agree exactly.
+    groups: Vec<(u32, u32)>,
     holds: Vec<u32>,
 }
 
@@ -324,7 +325,7 @@ fn clusters(charts: usize, seams: &Seams, holds: &[Hold]) -> Vec<Cluster> {
     for (group, exact) in seams.groups() {
         let end = first + group.len() as u32;
         if exact {
-            clusters[number[group[0].chart as usize] as usize].groups.push((first, end, exact));
+            clusters[number[group[0].chart as usize] as usize].groups.push((first, end));
         }
         first = end;
     }
@@ -449,7 +450,7 @@ impl Input<'_> {
                 visit(Row { lookups: &lookups, weight: self.options.seam_weight * share, target: None });
             }
         }
-        for &(first, end, _) in &cluster.groups {
+        for &(first, end) in &cluster.groups {
             let group: &[Place] = &self.seams.places[first as usize..end as usize];
             let lead = (slot(group[0].chart), group[0].uv, 1.0);
             for place in &group[1..] {

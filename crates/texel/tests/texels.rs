@@ -244,7 +244,7 @@ fn stitch_channels_are_independent() {
 }
 
 fn composed(charts: &[Chart], texels: &[ChartTexels], values: &[Vec<f32>], packing: &Packing) -> Atlas {
-    compose(charts, texels, values, 1, packing).unwrap()
+    compose(charts, texels, values, 1, packing).expect("the packing is sound")
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Meshes with charts, small enough to reason about, for tests and the bench.
 
-#![allow(dead_code, reason = "each user takes some")]
+#![allow(dead_code, clippy::unwrap_used, reason = "each user takes some; the shapes are its own")]
 
 use glam::{Vec2, Vec3};
 use lightkiln_chart::Chart;
