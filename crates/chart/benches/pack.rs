@@ -3,7 +3,8 @@
 //! `cargo bench -p lightkiln-chart --bench pack [--features xatlas,uvunwrap] [-- DUMP...]`
 //!
 //! Without arguments: charts made here that look like those of a bake (curved strips of 1 to 3 texels, blobs, islands of
-//! a few texels, mixtures). With arguments: real charts, one dump per file, in plain text:
+//! a few texels, mixtures). With arguments: an OBJ file, of whose triangles wavy bands (the edges of shadows) are
+//! charted, or the charts of a bake in plain text:
 //!
 //! ```text
 //! chart WIDTH HEIGHT     texels of the grid, starts a chart
@@ -12,14 +13,17 @@
 //! ```
 #![allow(clippy::print_stdout, reason = "a bench prints what it measured")]
 
-use glam::Vec2;
-use lightkiln_chart::Chart;
+#[path = "../tests/shapes/mod.rs"]
+mod shapes;
+
+use glam::{Vec2, Vec3};
 use lightkiln_chart::pack::{BLOCK, PackOptions, Packer, block_fill, check, fill_rate, pack};
+use lightkiln_chart::{Chart, ChartOptions, charts};
 use lightkiln_mesh::random::{hash, unit};
-use lightkiln_mesh::{TriangleId, VertexId};
+use lightkiln_mesh::{Adjacency, Mesh, TriangleId, VertexId};
 use std::time::Instant;
 
-const GUTTER: u32 = 2;
+const GUTTER: u32 = 1;
 
 fn main() {
     let dumps: Vec<String> =
@@ -35,7 +39,10 @@ fn main() {
     }
     for path in dumps {
         match std::fs::read_to_string(&path) {
-            Ok(text) => measure(path.rsplit('/').next().unwrap_or(&path), &read_dump(&text)),
+            Ok(text) => {
+                let charts = if path.ends_with(".obj") { band_charts(&text) } else { read_dump(&text) };
+                measure(path.rsplit('/').next().unwrap_or(&path), &charts);
+            }
             Err(error) => println!("{path}: {error}"),
         }
     }
@@ -116,6 +123,7 @@ fn synthetic() -> Vec<(&'static str, Vec<Chart>)> {
         ("mixture", make(9, 50, &mixture)),
         ("mixture", make(10, 500, &mixture)),
         ("mixture", make(11, 5000, &mixture)),
+        ("mixture", make(12, 20_000, &mixture)),
     ]
 }
 
@@ -208,4 +216,34 @@ fn read_dump(text: &str) -> Vec<Chart> {
         }
     }
     charts
+}
+
+/// Charts of the triangles of an OBJ file (`v` and triangular `f` lines) along wavy bands, at about a million
+/// texels for the whole surface.
+fn band_charts(text: &str) -> Vec<Chart> {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for line in text.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words[..] {
+            ["v", x, y, z] => positions.push(Vec3::from([x, y, z].map(|w| w.parse().unwrap_or(0.0)))),
+            ["f", a, b, c] => {
+                let corner = |w: &str| VertexId(w.parse::<u32>().map_or(0, |v| v - 1));
+                triangles.push([corner(a), corner(b), corner(c)]);
+            }
+            _ => {}
+        }
+    }
+    let normals = vec![Vec3::ZERO; positions.len()];
+    let mesh = Mesh::new(positions, normals, triangles).expect("the file holds a mesh");
+    let (low, high) = mesh.bounds();
+    let wave = |p: Vec3| {
+        let q = (p - low) * (20.0 / (high - low).max_element());
+        (q.x.sin() * q.y.cos() + q.z.sin() * (1.7 * q.x).cos()).abs()
+    };
+    let taken: Vec<bool> =
+        mesh.triangle_ids().map(|t| wave(mesh.corners(t).iter().sum::<Vec3>() / 3.0) < 0.08).collect();
+    let adjacency = Adjacency::new(&mesh);
+    let options = ChartOptions::new((mesh.total_area() / 1e6).sqrt() as f32);
+    let regions = shapes::regions(&adjacency, &taken);
+    charts(&mesh, &adjacency, &regions, &options).expect("the bands can be charted").0
 }

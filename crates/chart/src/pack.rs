@@ -51,7 +51,7 @@ pub struct PackOptions {
 
 impl Default for PackOptions {
     fn default() -> Self {
-        Self { gutter: 2, max_page: MAX_PAGE, packer: Packer::Blocks }
+        Self { gutter: 1, max_page: MAX_PAGE, packer: Packer::Blocks }
     }
 }
 
@@ -144,6 +144,14 @@ pub enum PackError {
     Overlap {
         /// The later of the two charts.
         chart: u32,
+    },
+    /// A packer that makes one page made one that is too wide or too high.
+    #[error("a page of {} x {} texels was made, the largest is {} x {}", size[0], size[1], page[0], page[1])]
+    PageTooLarge {
+        /// Its size in texels.
+        size: [u32; 2],
+        /// The largest page in texels.
+        page: [u32; 2],
     },
     /// A packer gave no result, or moved a chart in a way that is no translation.
     #[error("packer {packer:?} did not keep the charts as they are")]

@@ -73,8 +73,13 @@ impl Shapes {
         Self { shapes, of_chart, blocks: footprints.iter().map(Footprint::count).collect() }
     }
 
-    fn size(&self, chart: usize, turned: bool) -> [u32; 2] {
-        self.shapes[self.of_chart[chart][usize::from(turned)] as usize].footprint.size()
+    fn total_blocks(&self) -> u64 {
+        self.blocks.iter().map(|&blocks| u64::from(blocks)).sum()
+    }
+
+    /// Width and height of an upright chart.
+    fn size(&self, chart: usize) -> [u32; 2] {
+        self.shapes[self.of_chart[chart][0] as usize].footprint.size()
     }
 }
 
@@ -223,12 +228,24 @@ fn longest_free_run(words: &[u64]) -> u32 {
     longest
 }
 
-/// One attempt: a page size in blocks and the number of pages.
+/// One attempt: an order of the charts, a page size in blocks and the number of pages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Attempt {
+    order: Order,
     width: u32,
     max_height: u32,
     pages: u32,
+}
+
+/// What comes first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Order {
+    /// The chart with the most blocks.
+    Blocks,
+    /// The chart whose grid has the most blocks.
+    Grid,
+    /// The chart with the longest side.
+    Side,
 }
 
 /// What an attempt came to, in blocks.
@@ -238,14 +255,14 @@ struct Outcome {
     placements: Vec<Placement>,
 }
 
-fn attempt(shapes: &Shapes, order: &[u32], attempt: Attempt) -> Option<Outcome> {
+fn attempt(shapes: &Shapes, attempt: Attempt) -> Option<Outcome> {
     let new_page = |_| Page::new(attempt.width, attempt.max_height, shapes.shapes.len());
     let mut pages: Vec<Page> = (0..attempt.pages).map(new_page).collect();
-    let mut placements = vec![Placement { page: 0, origin: [0, 0], turned: false }; order.len()];
-    for &chart in order {
+    let mut placements = vec![Placement { page: 0, origin: [0, 0], turned: false }; shapes.of_chart.len()];
+    for chart in sorted(shapes, attempt.order) {
         let [upright, turned] = shapes.of_chart[chart as usize];
         let candidates = if upright == turned { &[upright][..] } else { &[upright, turned] };
-        // The place whose upper end lies lowest; upright wins ties.
+        // The place whose upper end lies lowest, on the first page that has one; upright wins ties.
         let mut best: Option<(u32, usize, bool, u32, [u32; 2])> = None;
         for (number, page) in pages.iter_mut().enumerate() {
             for (is_turned, &shape) in candidates.iter().enumerate() {
@@ -270,66 +287,82 @@ fn attempt(shapes: &Shapes, order: &[u32], attempt: Attempt) -> Option<Outcome> 
     Some(Outcome { width: attempt.width, height, placements })
 }
 
-/// Widths worth trying for one page: around the side of a square that holds everything.
-fn widths(shapes: &Shapes, max_width: u32) -> Vec<u32> {
-    let blocks: u64 = shapes.blocks.iter().map(|&b| u64::from(b)).sum();
-    let narrowest = (0..shapes.of_chart.len()).map(|c| shapes.size(c, false)).map(|[w, h]| w.min(h)).max();
-    let narrowest = narrowest.unwrap_or(1);
-    let side = (blocks as f64 / 0.85).sqrt();
-    let clamp = |width: f64| (width.round() as u32).clamp(narrowest, max_width);
-    let mut widths: Vec<u32> =
-        (0..WIDTHS).map(|i| clamp(side * (0.6 + 0.1 * f64::from(i)))).chain([max_width]).collect();
-    if side < 12.0 {
-        widths.extend(narrowest..=clamp(2.0 * side));
-    }
-    widths.sort_unstable();
-    widths.dedup();
-    widths
+/// A total order, largest first: by what `order` says, then blocks, then sides, then number.
+fn sorted(shapes: &Shapes, order: Order) -> Vec<u32> {
+    let mut charts: Vec<u32> = (0..shapes.of_chart.len() as u32).collect();
+    charts.sort_by_key(|&chart| {
+        let [width, height] = shapes.size(chart as usize);
+        let blocks = shapes.blocks[chart as usize];
+        let first = match order {
+            Order::Blocks => blocks,
+            Order::Grid => width * height,
+            Order::Side => width.max(height),
+        };
+        (std::cmp::Reverse((first, blocks, width.max(height), width.min(height))), chart)
+    });
+    charts
 }
 
-/// Widths tried between 0.6 and 1.8 times the square's side.
-const WIDTHS: u32 = 13;
+/// What all attempts together may cost: about a second of one core. The cost of one attempt was measured
+/// as a quarter of a nanosecond times shapes times blocks.
+const WORK: u64 = 4_000_000_000;
+
+/// Attempts for one page: widths around the side of a square that holds everything, as many as the work allows,
+/// and where there are many, in all three orders.
+fn one_page(shapes: &Shapes, limits: &Limits) -> Vec<Attempt> {
+    let blocks = shapes.total_blocks();
+    let cost = (shapes.shapes.len() as u64 * blocks).max(1);
+    let count = (WORK / cost).clamp(5, 180) as u32;
+    let orders = if count < 36 { &[Order::Blocks][..] } else { &[Order::Blocks, Order::Grid, Order::Side] };
+    let steps = count / orders.len() as u32;
+    let narrowest = (0..shapes.of_chart.len()).map(|c| shapes.size(c)).map(|[w, h]| w.min(h)).max();
+    let side = (blocks as f64 / 0.85).sqrt();
+    let width = |step: u32| side * (0.6 + 1.2 * f64::from(step) / f64::from(steps - 1));
+    let mut widths: Vec<u32> = (0..steps)
+        .map(|step| (width(step).round() as u32).clamp(narrowest.unwrap_or(1), limits.width))
+        .chain([limits.width])
+        .collect();
+    widths.sort_unstable();
+    widths.dedup();
+    let attempt = |order, width| Attempt { order, width, max_height: limits.height, pages: 1 };
+    orders.iter().flat_map(|&order| widths.iter().map(move |&width| attempt(order, width))).collect()
+}
 
 /// Packs by footprints; see the module's documentation.
 pub(super) fn pack(footprints: &[Footprint], limits: &Limits) -> Result<Packing, PackError> {
     let shapes = Shapes::new(footprints);
-    let order = largest_first(&shapes);
-    let attempts: Vec<Attempt> = widths(&shapes, limits.width)
-        .into_iter()
-        .map(|width| Attempt { width, max_height: limits.height, pages: 1 })
-        .collect();
-    let best = best_of(&shapes, &order, &attempts);
-    if let Some(best) = best {
-        return Ok(finish(best, 1));
+    match best_of(&shapes, &one_page(&shapes, limits)) {
+        Some(best) => Ok(finish(best, 1)),
+        None => several_pages(&shapes, limits),
     }
-    pack_pages(&shapes, &order, limits)
 }
 
-/// The outcome with the fewest blocks; the one closer to a square wins ties, then the narrower one.
-fn best_of(shapes: &Shapes, order: &[u32], attempts: &[Attempt]) -> Option<Outcome> {
-    let outcomes: Vec<_> = attempts.par_iter().map(|&a| attempt(shapes, order, a)).collect();
+/// The outcome with the fewest blocks; the one closer to a square wins ties, then the narrower one, then the
+/// earlier attempt.
+fn best_of(shapes: &Shapes, attempts: &[Attempt]) -> Option<Outcome> {
+    let outcomes: Vec<_> = attempts.par_iter().map(|&a| attempt(shapes, a)).collect();
     outcomes.into_iter().flatten().min_by_key(|o| (o.width * o.height, o.width.abs_diff(o.height), o.width))
 }
 
 /// Several pages, as few as hold everything, as low as a short search finds.
-fn pack_pages(shapes: &Shapes, order: &[u32], limits: &Limits) -> Result<Packing, PackError> {
-    let blocks: u64 = shapes.blocks.iter().map(|&b| u64::from(b)).sum();
+fn several_pages(shapes: &Shapes, limits: &Limits) -> Result<Packing, PackError> {
+    let blocks = shapes.total_blocks();
     let full_page = u64::from(limits.width) * u64::from(limits.height);
-    let fewest = blocks.div_ceil(full_page).max(2) as u32;
-    for pages in fewest..=limits.stack {
+    let fewest = blocks.div_ceil(full_page.max(1)).max(2);
+    for pages in fewest as u32..=limits.stack {
         let highest = limits.height.min(limits.stack / pages);
-        if blocks > u64::from(pages) * u64::from(limits.width) * u64::from(highest) {
+        let row = u64::from(pages) * u64::from(limits.width);
+        if blocks > row * u64::from(highest) {
             break;
         }
-        let low = (blocks / (u64::from(pages) * u64::from(limits.width))) as u32;
-        let heights = [1.04, 1.1, 1.2, 1.35].map(|slack| (f64::from(low) * slack) as u32);
-        let attempts: Vec<Attempt> = heights
+        let attempts: Vec<Attempt> = [1.04, 1.1, 1.2, 1.35]
+            .map(|slack| ((blocks / row) as f64 * slack) as u32)
             .into_iter()
             .filter(|&height| height < highest)
             .chain([highest])
-            .map(|max_height| Attempt { width: limits.width, max_height, pages })
+            .map(|max_height| Attempt { order: Order::Blocks, width: limits.width, max_height, pages })
             .collect();
-        if let Some(best) = best_of(shapes, order, &attempts) {
+        if let Some(best) = best_of(shapes, &attempts) {
             return Ok(finish(best, pages));
         }
     }
@@ -342,15 +375,4 @@ fn pack_pages(shapes: &Shapes, order: &[u32], limits: &Limits) -> Result<Packing
 fn finish(outcome: Outcome, pages: u32) -> Packing {
     let page_size = [outcome.width * BLOCK, outcome.height * BLOCK];
     Packing { placements: outcome.placements, page_size, pages }
-}
-
-/// A total order: blocks, then longer side, then shorter side, then number.
-fn largest_first(shapes: &Shapes) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..shapes.of_chart.len() as u32).collect();
-    order.sort_by_key(|&chart| {
-        let [width, height] = shapes.size(chart as usize, false);
-        let blocks = shapes.blocks[chart as usize];
-        (std::cmp::Reverse((blocks, width.max(height), width.min(height))), chart)
-    });
-    order
 }

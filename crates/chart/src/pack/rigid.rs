@@ -55,10 +55,9 @@ pub(super) fn pack(
         grow(&mut packing.page_size, nothing.size().map(|blocks| blocks * BLOCK));
     }
     let limits = limits(options);
-    let [width, height] = packing.page_size.map(|texels| texels / BLOCK);
-    if width > limits.width || height > limits.height {
-        let limit = u64::from(limits.width) * u64::from(limits.height) * u64::from(BLOCK * BLOCK);
-        return Err(PackError::AtlasFull { texels: packing.page_texels(), limit });
+    let page = [limits.width * BLOCK, limits.height * BLOCK];
+    if packing.page_size[0] > page[0] || packing.page_size[1] > page[1] {
+        return Err(PackError::PageTooLarge { size: packing.page_size, page });
     }
     check_footprints(footprints, &packing)?;
     Ok(packing)
