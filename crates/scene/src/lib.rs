@@ -12,6 +12,7 @@
 //! | `accessor`, `meshopt`, `draco` | elements of buffers, compressed or not |
 //! | `nodes`, `instances`, `pose` | the node graph, GPU instances, skins and morph targets at rest |
 //! | `geometry`, `material` | pools of vertices as triangles; coverage |
+//! | `footprint` | bytes of vertices, sizes of images |
 //! | `names` | names of parts, files and kinds of errors |
 //! | `lightmap` | reading light back, undoing a former bake |
 //! | `write`, `split`, `garbage`, `output` | patching, vertices with two codes, dropping what is unused, files |
@@ -21,6 +22,7 @@ mod container;
 mod document;
 mod draco;
 mod error;
+mod footprint;
 mod garbage;
 mod geometry;
 mod instances;
@@ -36,6 +38,7 @@ mod split;
 mod uri;
 mod write;
 
+pub use footprint::ImageSize;
 pub use error::{Place, SceneError, Warning};
 pub use lightmap::{ATTRIBUTE, AtlasPage, EXTENSION, Lightmap, ORIGINAL_COLOR};
 pub use names::ErrorKind;
