@@ -61,23 +61,81 @@ fn properly_cross(a: DVec2, b: DVec2, c: DVec2, d: DVec2) -> bool {
 }
 
 /// The largest lattice that [`covers_twice`] visits; beyond it the lattice is made coarser.
-const MOST_POINTS: f64 = 8e6;
+const MOST_POINTS: f64 = 64e6;
+/// The largest rectangle, in lattice points, that is kept as bits.
+const MOST_BITS: f64 = 268e6;
 
 /// Whether somewhere a 2 x 2 block of lattice points, `spacing` apart, lies in two triangles at once: that is,
 /// whether the map overlaps by more than about `spacing`. Flipped triangles are skipped.
 pub(crate) fn covers_twice(triangles: impl Iterator<Item = [DVec2; 3]> + Clone, spacing: f64) -> bool {
-    let area: f64 = triangles.clone().map(|x| 0.5 * (x[1] - x[0]).perp_dot(x[2] - x[0]).abs()).sum();
+    let (mut low, mut high, mut area) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0.0);
+    for x in triangles.clone() {
+        area += 0.5 * doubled_area(&x).abs();
+        low = x.iter().fold(low, |a, &b| a.min(b));
+        high = x.iter().fold(high, |a, &b| a.max(b));
+    }
     let spacing = spacing.max((area / MOST_POINTS).sqrt());
-    if !(spacing > 0.0 && spacing.is_finite()) {
+    if !(spacing > 0.0 && spacing.is_finite() && low.is_finite() && high.is_finite()) {
         return false;
     }
     // Off the grid that charts are snapped to, so that borders do not run along lattice lines.
-    let offset = DVec2::new(0.381_966, 0.276_393);
-    let mut hits: Vec<(i32, i32)> = Vec::with_capacity((area / (spacing * spacing)) as usize + 16);
-    for x in triangles {
-        if (x[1] - x[0]).perp_dot(x[2] - x[0]) > 0.0 {
-            rasterize(x.map(|p| p / spacing + offset), &mut hits);
+    let offset = DVec2::new(0.381_966, 0.276_393) - low / spacing;
+    let spans = triangles.filter(|x| doubled_area(x) > 0.0).map(move |x| x.map(|p| p / spacing + offset));
+    let extent = (high - low) / spacing + 2.0;
+    let points = extent.x * extent.y;
+    // Long thin charts cover little of their rectangle: there the points themselves are fewer than bits.
+    if points <= MOST_BITS && points <= 256.0 * (area / (spacing * spacing) + 64.0) {
+        Bits::new(extent).covered_twice(spans)
+    } else {
+        points_twice(spans)
+    }
+}
+
+/// Twice the signed area.
+fn doubled_area(x: &[DVec2; 3]) -> f64 {
+    (x[1] - x[0]).perp_dot(x[2] - x[0])
+}
+
+/// Two bits per lattice point: covered, and covered again.
+struct Bits {
+    words: usize,
+    once: Vec<u64>,
+    twice: Vec<u64>,
+}
+
+impl Bits {
+    fn new(extent: DVec2) -> Self {
+        let (words, rows) = (extent.x as usize / 64 + 1, extent.y as usize + 1);
+        Self { words, once: vec![0; words * rows], twice: vec![0; words * rows] }
+    }
+
+    fn covered_twice(mut self, triangles: impl Iterator<Item = [DVec2; 3]>) -> bool {
+        for x in triangles {
+            rasterize(x, |row, from, to| {
+                let (from, to) = (from as usize, to as usize);
+                for word in from / 64..to.div_ceil(64) {
+                    let (first, last) = (from.saturating_sub(word * 64), (to - word * 64).min(64));
+                    let mask = (u64::MAX << first) & (u64::MAX >> (64 - last));
+                    let at = row as usize * self.words + word;
+                    self.twice[at] |= self.once[at] & mask;
+                    self.once[at] |= mask;
+                }
+            });
         }
+        let rows: Vec<&[u64]> = self.twice.chunks_exact(self.words).collect();
+        rows.windows(2).any(|pair| {
+            // Both rows; then both columns, with the first bit of the next word as the last one's neighbour.
+            let both = |word: usize| pair[0].get(word).map_or(0, |bits| bits & pair[1][word]);
+            (0..self.words).any(|word| both(word) & (both(word) >> 1 | both(word + 1) << 63) != 0)
+        })
+    }
+}
+
+/// The same by sorting points.
+fn points_twice(triangles: impl Iterator<Item = [DVec2; 3]>) -> bool {
+    let mut hits: Vec<(i32, i32)> = Vec::new();
+    for x in triangles {
+        rasterize(x, |row, from, to| hits.extend((from..to).map(|column| (row, column))));
     }
     hits.sort_unstable();
     let mut twice: Vec<(i32, i32)> = hits.windows(2).filter(|w| w[0] == w[1]).map(|w| w[0]).collect();
@@ -86,8 +144,9 @@ pub(crate) fn covers_twice(triangles: impl Iterator<Item = [DVec2; 3]> + Clone, 
     twice.iter().any(|&(x, y)| also(x + 1, y) && also(x, y + 1) && also(x + 1, y + 1))
 }
 
-/// Lists the integer points in a triangle. Points on an edge that two triangles share are in exactly one.
-fn rasterize(x: [DVec2; 3], hits: &mut Vec<(i32, i32)>) {
+/// Names the runs of integer points in a triangle: row, first column, column after the last. Points on an
+/// edge that two triangles share are in exactly one.
+fn rasterize(x: [DVec2; 3], mut run: impl FnMut(i32, i32, i32)) {
     let low = x[0].y.min(x[1].y).min(x[2].y).ceil() as i32;
     let high = x[0].y.max(x[1].y).max(x[2].y).ceil() as i32;
     for row in low..high {
@@ -102,8 +161,63 @@ fn rasterize(x: [DVec2; 3], hits: &mut Vec<(i32, i32)>) {
                 ends = [ends[0].min(at), ends[1].max(at)];
             }
         }
-        if ends[0] < ends[1] {
-            hits.extend((ends[0].ceil() as i32..ends[1].ceil() as i32).map(|column| (row, column)));
+        let (from, to) = (ends[0].ceil(), ends[1].ceil());
+        if from < to {
+            run(row, from as i32, to as i32);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn p(x: f64, y: f64) -> DVec2 {
+        DVec2::new(x, y)
+    }
+
+    #[test]
+    fn crossing_bow_tie_is_found_and_square_is_not() {
+        assert!(crosses_itself(&[p(0.0, 0.0), p(1.0, 1.0), p(1.0, 0.0), p(0.0, 1.0)]));
+        assert!(!crosses_itself(&[p(0.0, 0.0), p(1.0, 0.0), p(1.0, 1.0), p(0.0, 1.0)]));
+    }
+
+    #[test]
+    fn overlap_touching_triangles_are_none() {
+        let square = [[p(0.0, 0.0), p(9.0, 0.0), p(9.0, 9.0)], [p(0.0, 0.0), p(9.0, 9.0), p(0.0, 9.0)]];
+        assert!(!covers_twice(square.into_iter(), 0.01));
+        let shifted = [square[0], square[1].map(|q| q + p(0.5, -0.5))];
+        assert!(covers_twice(shifted.into_iter(), 0.2));
+        assert!(!covers_twice(shifted.into_iter(), 0.9));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig {
+            cases: 64,
+            failure_persistence: None,
+            rng_seed: proptest::test_runner::RngSeed::Fixed(2),
+            ..ProptestConfig::default()
+        })]
+
+        #[test]
+        fn overlap_bits_and_points_agree(soup in prop::collection::vec((0.0..70.0, 0.0..70.0), 6..15)) {
+            let at = |i: usize| p(soup[i].0, soup[i].1);
+            let triangles = || (0..soup.len() / 3).map(|i| [at(3 * i), at(3 * i + 1), at(3 * i + 2)]);
+            let ahead = || triangles().filter(|x| doubled_area(x) > 0.0);
+            prop_assert_eq!(Bits::new(p(72.0, 72.0)).covered_twice(ahead()), points_twice(ahead()));
+        }
+
+        #[test]
+        fn crossing_is_what_all_pairs_say(soup in prop::collection::vec((0.0..1.0, 0.0..1.0), 3..12)) {
+            let curve: Vec<DVec2> = soup.iter().map(|&(x, y)| p(x, y)).collect();
+            let n = curve.len();
+            let side = |i: usize| (curve[i], curve[(i + 1) % n]);
+            let cross = (0..n).any(|i| (i + 1..n).any(|j| {
+                let ((a, b), (c, d)) = (side(i), side(j));
+                properly_cross(a, b, c, d)
+            }));
+            prop_assert_eq!(crosses_itself(&curve), cross);
         }
     }
 }
