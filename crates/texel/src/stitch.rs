@@ -53,7 +53,8 @@ pub struct StitchOptions<'a> {
     pub seam_weight: f32,
     /// Pull between the places of a light vertex.
     pub vertex_weight: f32,
-    /// Values are clamped to this range at the end, so that what is reported is what can be stored.
+    /// Smallest and largest value that can be stored. Texels that would leave the range are held at its end, so
+    /// that what is reported is what is stored.
     pub range: [f32; 2],
 }
 
@@ -114,6 +115,11 @@ pub struct StitchReport {
 const BEYOND: f64 = 0.5; // the unfolded neighbour is not quite where the plane of the chart says
 const EXTRAPOLATED: f64 = 0.02;
 const FILLED: f64 = 0.02;
+const PINNED: f64 = 1e6;
+/// Texels that leave the range by more than this share of it are pinned: a step of 10 bits.
+const PIN_SLACK: f32 = 1e-3;
+/// Solutions at most; pins of one round may push other texels out of the range.
+const ROUNDS: usize = 3;
 /// Coefficients below this come from rounding of a point on the border.
 const NEGLIGIBLE: f32 = 1e-6;
 
@@ -394,11 +400,65 @@ impl Input<'_> {
         if unknowns.is_empty() {
             return Solved { unknowns, changes: Some(Vec::new()) };
         }
+        // Values that leave the range are pinned to its end and the others solved for again, so that clamping
+        // does not undo the agreement.
+        let mut pins = vec![f32::NAN; unknowns.len() * self.channels];
+        let mut changes = self.changes(cluster, &unknown, &unknowns, &pins);
+        for _ in 1..ROUNDS {
+            match &changes {
+                Some(found) if self.pin(cluster, &unknowns, found, &mut pins) => {
+                    changes = self.changes(cluster, &unknown, &unknowns, &pins);
+                }
+                _ => break,
+            }
+        }
+        Solved { unknowns, changes }
+    }
+
+    /// Pins the texels that leave the range, all channels at once, to the nearest change that does not: per
+    /// unknown and channel, NaN where there is no pin. Returns whether there is a new one.
+    fn pin(&self, cluster: &Cluster, unknowns: &[(u32, u32)], changes: &[f32], pins: &mut [f32]) -> bool {
+        let [low, high] = self.options.range;
+        let slack = PIN_SLACK * (high - low);
+        let mut any = false;
+        for (k, &(slot, texel)) in unknowns.iter().enumerate() {
+            let own = k * self.channels..(k + 1) * self.channels;
+            let (changes, pins) = (&changes[own.clone()], &mut pins[own]);
+            let values =
+                &self.values[cluster.charts[slot as usize] as usize][texel as usize * self.channels..];
+            let leaves = |(value, change): (&f32, &f32)| {
+                let sum = value + change;
+                sum > high + slack || sum < low - slack
+            };
+            if pins[0].is_nan() && values.iter().zip(changes).any(leaves) {
+                for ((pin, change), value) in pins.iter_mut().zip(changes).zip(values) {
+                    *pin = (value + change).max(low).min(high) - value;
+                }
+                any = true;
+            }
+        }
+        any
+    }
+
+    /// Solves for the changes of the unknowns: unknowns x channels.
+    fn changes(
+        &self,
+        cluster: &Cluster,
+        unknown: &[Vec<u32>],
+        unknowns: &[(u32, u32)],
+        pins: &[f32],
+    ) -> Option<Vec<f32>> {
+        let size = |slot: u32| self.charts[cluster.charts[slot as usize] as usize].size;
         // Unknowns are changes of the values, so that what agrees already stays to the last bit.
         let mut equations = NormalEquations::new(unknowns.len(), self.channels);
         for (k, &(slot, texel)) in unknowns.iter().enumerate() {
-            let weight = self.shaded[cluster.charts[slot as usize] as usize].weight(texel);
-            equations.add(&[(k as u32, 1.0)], weight, |_| 0.0);
+            let pins = &pins[k * self.channels..(k + 1) * self.channels];
+            if pins[0].is_nan() {
+                let weight = self.shaded[cluster.charts[slot as usize] as usize].weight(texel);
+                equations.add(&[(k as u32, 1.0)], weight, |_| 0.0);
+            } else {
+                equations.add(&[(k as u32, 1.0)], PINNED, |c| f64::from(pins[c]));
+            }
         }
         let mut terms: Vec<(u32, f64)> = Vec::new();
         let mut now = vec![0.0_f64; self.channels];
@@ -426,11 +486,9 @@ impl Input<'_> {
             let target = |c: usize| row.target.map_or(0.0, |t| f64::from(t[c])) - now[c];
             equations.add(&terms, f64::from(row.weight), target);
         });
-        let changes = equations.solve().map(|x| {
-            let n = unknowns.len();
-            (0..n).flat_map(|k| (0..self.channels).map(move |c| (k, c))).map(|at| x[at] as f32).collect()
-        });
-        Solved { unknowns, changes }
+        let solution = equations.solve()?;
+        let entries = (0..unknowns.len()).flat_map(|k| (0..self.channels).map(move |c| (k, c)));
+        Some(entries.map(|at| solution[at] as f32).collect())
     }
 
     /// Visits all equations of a cluster except those that keep a texel near its value.
