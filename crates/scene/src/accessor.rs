@@ -111,8 +111,8 @@ impl Elements<'_> {
 /// Reads what an accessor says of itself.
 pub(crate) fn layout(json: &Value) -> Result<Layout, SceneError> {
     let code = integer(json, "componentType")?.unwrap_or(0);
-    let component =
-        Component::from_code(code).ok_or_else(|| value("componentType", code, "5120 to 5123, 5125 or 5126"))?;
+    let component = Component::from_code(code)
+        .ok_or_else(|| value("componentType", code, "5120 to 5123, 5125 or 5126"))?;
     let kind = json.get("type").and_then(Value::as_str).unwrap_or("missing");
     let (width, columns) = match kind {
         "SCALAR" => (1, 1),
@@ -214,8 +214,10 @@ impl Document {
             .filter(|c| matches!(c, Component::U8 | Component::U16 | Component::U32))
             .ok_or_else(|| value("sparse.indices.componentType", code, "5121, 5123 or 5125"))?;
         let count = count as usize;
-        let indices =
-            part("indices", Layout { component, width: 1, normalized: false, count, size: component.size() })?;
+        let indices = part(
+            "indices",
+            Layout { component, width: 1, normalized: false, count, size: component.size() },
+        )?;
         let values = part("values", Layout { count, ..layout })?;
         let mut bytes = Vec::with_capacity(layout.count * layout.size);
         (0..layout.count).for_each(|i| bytes.extend_from_slice(base.raw(i)));

@@ -50,7 +50,9 @@ pub(crate) fn split(bytes: Vec<u8>) -> Result<Container, SceneError> {
         let body = at + 8;
         let end = body.checked_add(size).filter(|&e| e <= length);
         let Some(end) = end else {
-            return Err(damaged(format!("a chunk of {size} bytes at byte {at} runs past the end ({length})")));
+            return Err(damaged(format!(
+                "a chunk of {size} bytes at byte {at} runs past the end ({length})"
+            )));
         };
         let data = bytes[body..end].to_vec();
         match kind {
@@ -68,7 +70,11 @@ pub(crate) fn split(bytes: Vec<u8>) -> Result<Container, SceneError> {
 ///
 /// # Errors
 /// When it would exceed the 4 GiB that a GLB can hold.
-pub(crate) fn join(json: &[u8], chunk: Option<&[u8]>, chunks: &[(u32, Vec<u8>)]) -> Result<Vec<u8>, SceneError> {
+pub(crate) fn join(
+    json: &[u8],
+    chunk: Option<&[u8]>,
+    chunks: &[(u32, Vec<u8>)],
+) -> Result<Vec<u8>, SceneError> {
     let padded = |n: usize| n.div_ceil(4) * 4;
     let mut total = 12 + 8 + padded(json.len());
     total += chunk.map_or(0, |c| 8 + padded(c.len()));

@@ -127,13 +127,14 @@ impl Document {
     /// Takes a file apart and loads its buffers. Without a path nothing outside of the bytes is read.
     pub fn parse(bytes: Vec<u8>, path: Option<&Path>) -> Result<Self, SceneError> {
         let Container { json, chunk, chunks } = container::split(bytes)?;
-        let root: Value =
-            serde_json::from_slice(&json).map_err(|source| SceneError::Json { source, place: Box::default() })?;
+        let root: Value = serde_json::from_slice(&json)
+            .map_err(|source| SceneError::Json { source, place: Box::default() })?;
         drop(json);
         if !root.is_object() {
             return Err(value("the root", &root, "an object"));
         }
-        let version = root.get("asset").and_then(|a| a.get("version")).and_then(Value::as_str).unwrap_or("missing");
+        let version =
+            root.get("asset").and_then(|a| a.get("version")).and_then(Value::as_str).unwrap_or("missing");
         if !version.starts_with("2.") {
             return Err(SceneError::Version { version: version.to_owned(), place: Box::default() });
         }
@@ -190,14 +191,20 @@ impl Document {
         let (count, stride) = (need("count")?, need("byteStride")?);
         let limit = (data.len() as u64 + 64).saturating_mul(2048);
         if count.saturating_mul(stride) > limit {
-            return Err(truncated("a meshopt-compressed view", count.saturating_mul(stride) / 2048, data.len() as u64));
+            return Err(truncated(
+                "a meshopt-compressed view",
+                count.saturating_mul(stride) / 2048,
+                data.len() as u64,
+            ));
         }
         let text = |key| json.get(key).and_then(Value::as_str);
         let mode = match text("mode") {
             Some("ATTRIBUTES") => meshopt::Mode::Attributes,
             Some("TRIANGLES") => meshopt::Mode::Triangles,
             Some("INDICES") => meshopt::Mode::Indices,
-            other => return Err(value("mode", other.unwrap_or("missing"), "ATTRIBUTES, TRIANGLES or INDICES")),
+            other => {
+                return Err(value("mode", other.unwrap_or("missing"), "ATTRIBUTES, TRIANGLES or INDICES"));
+            }
         };
         let filter = match text("filter") {
             None | Some("NONE") => meshopt::Filter::None,
@@ -240,7 +247,8 @@ fn load_buffer(
     folder: Option<&Path>,
 ) -> Result<Buffer, SceneError> {
     let owner = format!("buffers[{number}]");
-    let length = integer(json, "byteLength")?.ok_or_else(|| value("byteLength", "missing", "a number of bytes"))?;
+    let length =
+        integer(json, "byteLength")?.ok_or_else(|| value("byteLength", "missing", "a number of bytes"))?;
     let fallback = MESHOPT.iter().any(|name| extension(json, name).is_some());
     let (bytes, source) = match json.get("uri") {
         Some(text) => {

@@ -70,7 +70,10 @@ fn decode_primitive(
     let wanted = layout(&accessors[accessor])?;
     let indices = mesh.faces().iter().flatten().map(|p| p.0);
     if mesh.num_faces() * 3 != wanted.count {
-        return Err(codec("Draco", format!("{} indices, but the accessor has {}", mesh.num_faces() * 3, wanted.count)));
+        return Err(codec(
+            "Draco",
+            format!("{} indices, but the accessor has {}", mesh.num_faces() * 3, wanted.count),
+        ));
     }
     let mut bytes = Vec::with_capacity(wanted.count * wanted.size);
     for i in indices {
@@ -106,7 +109,11 @@ fn decode(data: &[u8]) -> Result<Mesh, SceneError> {
 }
 
 /// The values of all points, packed as the accessor says.
-fn attribute_bytes(attribute: &PointAttribute, points: usize, accessor: &Value) -> Result<Vec<u8>, SceneError> {
+fn attribute_bytes(
+    attribute: &PointAttribute,
+    points: usize,
+    accessor: &Value,
+) -> Result<Vec<u8>, SceneError> {
     let wanted = layout(accessor)?;
     if wanted.count != points {
         return Err(codec("Draco", format!("{points} points, but the accessor has {}", wanted.count)));

@@ -211,7 +211,11 @@ pub(crate) fn reference(field: impl Into<String>, index: u64, count: usize) -> S
     SceneError::Reference { field: field.into(), index, count, place: Box::default() }
 }
 
-pub(crate) fn value(field: impl Into<String>, found: impl fmt::Display, expected: &'static str) -> SceneError {
+pub(crate) fn value(
+    field: impl Into<String>,
+    found: impl fmt::Display,
+    expected: &'static str,
+) -> SceneError {
     let mut found = found.to_string();
     if found.len() > 60 {
         let end = (0..=60).rev().find(|&i| found.is_char_boundary(i)).unwrap_or(0);

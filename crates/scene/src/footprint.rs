@@ -26,7 +26,8 @@ impl Scene {
         let targets = list(primitive, "targets").iter();
         let maps = targets.chain(primitive.get("attributes")).filter_map(serde_json::Value::as_object);
         let named = maps.flat_map(|map| map.values()).filter_map(serde_json::Value::as_u64);
-        let size = |a: u64| accessors.get(a as usize).and_then(|json| layout(json).ok()).map_or(0, |l| l.size);
+        let size =
+            |a: u64| accessors.get(a as usize).and_then(|json| layout(json).ok()).map_or(0, |l| l.size);
         named.map(|a| size(a).next_multiple_of(4)).sum()
     }
 
@@ -51,7 +52,8 @@ impl Scene {
                 let name = text("name").or(uri).map_or_else(|| format!("image {number}"), str::to_owned);
                 let bytes = self.document.image(number).ok();
                 let size = |bytes: Vec<u8>| {
-                    let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().ok()?;
+                    let reader =
+                        image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().ok()?;
                     reader.into_dimensions().ok()
                 };
                 ImageSize { name, pixels: bytes.and_then(size).map(|(w, h)| [w, h]) }

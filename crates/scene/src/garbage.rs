@@ -82,14 +82,28 @@ fn used(root: &mut Value, key: &str, walk: Walk) -> Vec<bool> {
 /// Whether all extensions are known not to refer to accessors and views by themselves.
 fn is_safe(root: &Value) -> bool {
     const SAFE: [&str; 17] = [
-        "KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_dds", "KHR_lights_punctual", "KHR_xmp",
-        "KHR_animation_pointer", "KHR_node_", "KHR_mesh_quantization", "EXT_meshopt_compression",
-        "KHR_meshopt_compression", "LIGHTKILN_lightmap", "MOZ_lightmap", "MSFT_lod", "EXT_mesh_manifold_none",
-        "FB_materials_modmap", "KHR_interactivity",
+        "KHR_materials_",
+        "KHR_texture_",
+        "EXT_texture_",
+        "MSFT_texture_dds",
+        "KHR_lights_punctual",
+        "KHR_xmp",
+        "KHR_animation_pointer",
+        "KHR_node_",
+        "KHR_mesh_quantization",
+        "EXT_meshopt_compression",
+        "KHR_meshopt_compression",
+        "LIGHTKILN_lightmap",
+        "MOZ_lightmap",
+        "MSFT_lod",
+        "EXT_mesh_manifold_none",
+        "FB_materials_modmap",
+        "KHR_interactivity",
     ];
-    list(root, "extensionsUsed").iter().filter_map(Value::as_str).all(|name| {
-        name == DRACO || name == INSTANCING || SAFE.iter().any(|s| name.starts_with(s))
-    })
+    list(root, "extensionsUsed")
+        .iter()
+        .filter_map(Value::as_str)
+        .all(|name| name == DRACO || name == INSTANCING || SAFE.iter().any(|s| name.starts_with(s)))
 }
 
 /// Bytes of a buffer.
@@ -143,7 +157,8 @@ pub(crate) fn collect(before: &Value, after: &mut Value, main: usize, length: u6
     // Padding up to four bytes goes with what it pads.
     gone.iter_mut().for_each(|r| r.end = (r.end.saturating_add(3) & !3).min(length.max(r.end)));
     let in_main = |r: &Range| r.buffer == main as u64;
-    let free = subtract(gone.into_iter().filter(in_main).collect(), kept.into_iter().filter(in_main).collect());
+    let free =
+        subtract(gone.into_iter().filter(in_main).collect(), kept.into_iter().filter(in_main).collect());
     if !safe {
         return Dropped { cuts: Vec::new(), wasted: free.iter().map(|(a, b)| b - a).sum() };
     }

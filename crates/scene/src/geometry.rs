@@ -37,7 +37,11 @@ pub(crate) struct LocalPool {
 }
 
 /// The accessor of an attribute of a primitive.
-pub(crate) fn attribute(document: &Document, primitive: &Value, semantic: &str) -> Result<Option<usize>, SceneError> {
+pub(crate) fn attribute(
+    document: &Document,
+    primitive: &Value,
+    semantic: &str,
+) -> Result<Option<usize>, SceneError> {
     match primitive.get("attributes") {
         Some(attributes) => index(attributes, semantic, document.list("accessors").len())
             .map_err(|e| e.at(|p| p.attribute = Some(semantic.to_owned()))),
@@ -113,13 +117,21 @@ pub(crate) fn read_pools(
     let mut pool_of: BTreeMap<String, usize> = BTreeMap::new();
     for (number, primitive) in list(json, "primitives").iter().enumerate() {
         let place = primitive_place(document, mesh, number);
-        read_primitive(document, primitive, number, materials, max_triangles, (&mut pools, &mut pool_of), warnings)
-            .map_err(|e| {
-                e.at(|p| {
-                    let (accessor, attribute) = (p.accessor, p.attribute.take());
-                    *p = Place { accessor, attribute, ..place };
-                })
-            })?;
+        read_primitive(
+            document,
+            primitive,
+            number,
+            materials,
+            max_triangles,
+            (&mut pools, &mut pool_of),
+            warnings,
+        )
+        .map_err(|e| {
+            e.at(|p| {
+                let (accessor, attribute) = (p.accessor, p.attribute.take());
+                *p = Place { accessor, attribute, ..place };
+            })
+        })?;
     }
     // Triangles stand in the order of their primitives already: primitives are read in order.
     Ok(pools)
@@ -176,7 +188,9 @@ fn read_primitive(
 fn read_vertices(document: &Document, primitive: &Value, position: usize) -> Result<LocalPool, SceneError> {
     let positions = open(document, position, "POSITION", 3..=3, None)?;
     let count = positions.count();
-    let read = |elements: &Elements<'_>| (0..count).map(|v| Vec3::from_array(elements.floats(v))).collect::<Vec<_>>();
+    let read = |elements: &Elements<'_>| {
+        (0..count).map(|v| Vec3::from_array(elements.floats(v))).collect::<Vec<_>>()
+    };
     let values = read(&positions);
     if let Some(element) = values.iter().position(|p| !p.is_finite()) {
         let value = values[element].to_array();
@@ -201,9 +215,9 @@ fn read_vertices(document: &Document, primitive: &Value, position: usize) -> Res
     let accessors = document.list("accessors").len();
     for target in list(primitive, "targets") {
         for (semantic, accessor) in target.as_object().unwrap_or(&none) {
-            let accessor = whole(accessor)
-                .filter(|&a| a < accessors as u64)
-                .ok_or_else(|| reference(semantic.as_str(), whole(accessor).unwrap_or(u64::MAX), accessors))?;
+            let accessor = whole(accessor).filter(|&a| a < accessors as u64).ok_or_else(|| {
+                reference(semantic.as_str(), whole(accessor).unwrap_or(u64::MAX), accessors)
+            })?;
             open(document, accessor as usize, semantic, 1..=4, Some(count))?;
         }
         targets.push([index(target, "POSITION", accessors)?, index(target, "NORMAL", accessors)?]);
@@ -270,10 +284,12 @@ pub(crate) fn read_corners(
         let Some((accessor, elements)) = &indices else { return Ok(element as u32) };
         let index = elements.u32(element, 0);
         if index as usize >= vertices {
-            return Err(SceneError::VertexIndex { element, index, vertices, place: Box::default() }.at(|p| {
-                p.accessor = Some(*accessor);
-                p.attribute = Some("indices".to_owned());
-            }));
+            return Err(SceneError::VertexIndex { element, index, vertices, place: Box::default() }.at(
+                |p| {
+                    p.accessor = Some(*accessor);
+                    p.attribute = Some("indices".to_owned());
+                },
+            ));
         }
         Ok(index)
     };
@@ -307,7 +323,9 @@ fn alpha_source(
     if let Some(accessor) = attribute(document, primitive, "COLOR_0")? {
         let elements = open(document, accessor, "COLOR_0", 3..=4, Some(vertices))?;
         if elements.layout.width == 4 {
-            source.alpha = Some(Arc::new((0..vertices).map(|v| elements.f32(v, 3).clamp(0.0, 1.0)).collect()));
+            let alpha =
+                |v| Some(elements.f32(v, 3)).filter(|a| a.is_finite()).map_or(1.0, |a| a.clamp(0.0, 1.0));
+            source.alpha = Some(Arc::new((0..vertices).map(alpha).collect()));
         }
     }
     Ok(source)

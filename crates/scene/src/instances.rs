@@ -34,7 +34,9 @@ pub(crate) fn read(document: &Document, json: &Value) -> Result<Vec<Instance>, S
     let attributes = json.get("attributes").ok_or_else(|| value("attributes", "missing", "an object"))?;
     let mut count = None;
     let mut get = |semantic: &str, width: usize| {
-        let Some(accessor) = index(attributes, semantic, document.list("accessors").len())? else { return Ok(None) };
+        let Some(accessor) = index(attributes, semantic, document.list("accessors").len())? else {
+            return Ok(None);
+        };
         let elements = open(document, accessor, semantic, width..=width, count)?;
         count = Some(elements.count());
         Ok::<_, SceneError>(Some(elements))

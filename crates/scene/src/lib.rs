@@ -38,10 +38,10 @@ mod split;
 mod uri;
 mod write;
 
-pub use footprint::ImageSize;
 pub use error::{Place, SceneError, Warning};
+pub use footprint::ImageSize;
 pub use lightmap::{ATTRIBUTE, AtlasPage, EXTENSION, Lightmap, ORIGINAL_COLOR};
-pub use names::ErrorKind;
 pub use material::{AlphaMode, Material};
+pub use names::ErrorKind;
 pub use scene::{Part, PartLight, ReadOptions, Scene, TriangleFlags};
 pub use write::{AtlasFiles, BakedLight, ExtensionInfo, Fallback, PartWritten, Written, WrittenFile, write};

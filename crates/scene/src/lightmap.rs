@@ -117,7 +117,8 @@ fn remove_pages(root: &mut Value, pages: &[usize]) {
     }
     for (key, role, removed) in [("images", "source", images), ("samplers", "sampler", samplers)] {
         while let Some(last) = count(root, key).checked_sub(1).filter(|&n| removed.contains(&(n as u64))) {
-            let used = list(root, "textures").iter().any(|t| t.to_string().contains(&format!("\"{role}\":{last}")));
+            let used =
+                list(root, "textures").iter().any(|t| t.to_string().contains(&format!("\"{role}\":{last}")));
             if used {
                 break;
             }
@@ -170,7 +171,10 @@ impl Scene {
                 let Some(codes) = attribute(&self.document, json, name)? else { return Ok(None) };
                 let codes = open(&self.document, codes, name, 2..=2, None)?;
                 if codes.layout.component != Component::U16 {
-                    return Err(codec("light", format!("{name} is no longer made of unsigned 16-bit integers")));
+                    return Err(codec(
+                        "light",
+                        format!("{name} is no longer made of unsigned 16-bit integers"),
+                    ));
                 }
                 let color = match ours.get("fallback").and_then(Value::as_str) {
                     Some(fallback) => attribute(&self.document, json, fallback)?,

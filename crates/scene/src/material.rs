@@ -125,7 +125,10 @@ impl AlphaTexture {
 }
 
 /// Reads all materials; images are decoded only where alpha matters.
-pub(crate) fn read_materials(document: &Document, warnings: &mut Warnings) -> Result<Vec<Material>, SceneError> {
+pub(crate) fn read_materials(
+    document: &Document,
+    warnings: &mut Warnings,
+) -> Result<Vec<Material>, SceneError> {
     let mut images: BTreeMap<usize, Option<Arc<AlphaImage>>> = BTreeMap::new();
     let mut out = Vec::new();
     for json in document.list("materials") {
@@ -213,7 +216,8 @@ fn read_texture(
         let scale = numbers::<2>(t, "scale")?.unwrap_or([1.0; 2]).map(|v| v as f32);
         // Counter-clockwise in an image whose v points down.
         let (sin, cos) = number(t, "rotation", 0.0).sin_cos();
-        transform = [[cos * scale[0], sin * scale[1], offset[0]], [-sin * scale[0], cos * scale[1], offset[1]]];
+        transform =
+            [[cos * scale[0], sin * scale[1], offset[0]], [-sin * scale[0], cos * scale[1], offset[1]]];
     }
     Ok(Some(AlphaTexture { image, set, wrap: [wrap("wrapS")?, wrap("wrapT")?], transform }))
 }

@@ -2,7 +2,7 @@
 //! (KhronosGroup/glTF, extensions/2.0/Vendor/EXT_meshopt_compression, appendices A and B) and, for vertex
 //! codec version 1, that of KHR_meshopt_compression.
 //!
-//! Three codecs (attributes, triangles, indices) and three filters (octahedral, quaternion, exponential).
+//! Three codecs (attributes, triangles, indices) and four filters (octahedral, quaternion, exponential, color).
 //! Corrupt data gives an error, never a panic; nothing is allocated that the input could not fill.
 
 /// What a compressed view holds.
@@ -50,7 +50,7 @@ pub fn decode(
                 Filter::Octahedral => octahedral(&mut out, stride)?,
                 Filter::Quaternion => quaternion(&mut out, stride)?,
                 Filter::Exponential => exponential(&mut out, stride)?,
-                Filter::Color => return Err("the colour filter is not read"),
+                Filter::Color => color(&mut out, stride)?,
             }
             Ok(out)
         }
@@ -458,6 +458,38 @@ fn exponential(data: &mut [u8], stride: usize) -> Result<(), &'static str> {
     Ok(())
 }
 
+/// Luma and chroma to RGBA; the highest set bit of alpha says how many bits the components have.
+fn color(data: &mut [u8], stride: usize) -> Result<(), &'static str> {
+    fn rgba([y, co, cg, alpha]: [i32; 4], max: f32) -> [i32; 4] {
+        let scale = alpha | alpha >> 1;
+        let scale = scale | scale >> 2;
+        let scale = scale | scale >> 4;
+        let scale = scale | scale >> 8;
+        let a = ((alpha << 1) & scale) | (alpha & 1);
+        let step = max / scale.max(1) as f32;
+        [y + co - cg, y + cg, y - co - cg, a].map(|v| (v as f32 * step + 0.5) as i32)
+    }
+    match stride {
+        4 => {
+            for e in data.chunks_exact_mut(4) {
+                let v = [i32::from(e[0]), i32::from(e[1] as i8), i32::from(e[2] as i8), i32::from(e[3])];
+                let out = rgba(v, 255.0);
+                (0..4).for_each(|k| e[k] = out[k] as u8);
+            }
+        }
+        8 => {
+            for e in data.chunks_exact_mut(8) {
+                let get = |k: usize| u16::from_le_bytes([e[2 * k], e[2 * k + 1]]);
+                let signed = |k: usize| i32::from(get(k) as i16);
+                let out = rgba([i32::from(get(0)), signed(1), signed(2), i32::from(get(3))], 65535.0);
+                (0..4).for_each(|k| e[2 * k..2 * k + 2].copy_from_slice(&(out[k] as u16).to_le_bytes()));
+            }
+        }
+        _ => return Err("the color filter needs a stride of 4 or 8"),
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -485,6 +517,38 @@ mod tests {
         assert_eq!(out[5], 3);
     }
 
+    /// Streams of the reference encoder (versions 0 and 1) with what the reference decoder makes of them.
+    #[test]
+    fn reference_streams_decode_bit_for_bit() {
+        let cases: serde_json::Value =
+            serde_json::from_str(include_str!("../tests/data/meshopt.json")).unwrap();
+        let cases = cases.as_array().unwrap();
+        assert!(cases.len() > 15);
+        for case in cases {
+            let text = |key: &str| case[key].as_str().unwrap();
+            let bytes = |key: &str| -> Vec<u8> {
+                let hex = text(key);
+                (0..hex.len()).step_by(2).map(|i| u8::from_str_radix(&hex[i..i + 2], 16).unwrap()).collect()
+            };
+            let number = |key: &str| case[key].as_u64().unwrap() as usize;
+            let mode = match text("mode") {
+                "ATTRIBUTES" => Mode::Attributes,
+                "TRIANGLES" => Mode::Triangles,
+                _ => Mode::Indices,
+            };
+            let filter = match text("filter") {
+                "OCTAHEDRAL" => Filter::Octahedral,
+                "QUATERNION" => Filter::Quaternion,
+                "EXPONENTIAL" => Filter::Exponential,
+                "COLOR" => Filter::Color,
+                _ => Filter::None,
+            };
+            let data = bytes("data");
+            let out = decode(&data, number("count"), number("stride"), mode, filter);
+            assert!(out == Ok(bytes("expected")), "{}: {:?}", text("name"), out.err());
+        }
+    }
+
     #[test]
     fn garbage_never_panics() {
         let mut state = 1_u64;
@@ -499,7 +563,14 @@ mod tests {
                 *first = [0xa0, 0xa1, 0xe1, 0xd1][round % 4];
             }
             for mode in [Mode::Attributes, Mode::Triangles, Mode::Indices] {
-                for filter in [Filter::None, Filter::Octahedral, Filter::Quaternion, Filter::Exponential] {
+                let all = [
+                    Filter::None,
+                    Filter::Octahedral,
+                    Filter::Quaternion,
+                    Filter::Exponential,
+                    Filter::Color,
+                ];
+                for filter in all {
                     let _ = decode(&data, round % 64, [4, 8, 12, 2, 256][round % 5], mode, filter);
                 }
             }

@@ -34,21 +34,29 @@ fn children(owner: &Value, key: &str, count: usize) -> Result<Vec<usize>, SceneE
 }
 
 impl Nodes {
-    pub fn read(document: &Document, scene: Option<usize>, warnings: &mut Warnings) -> Result<Self, SceneError> {
+    pub fn read(
+        document: &Document,
+        scene: Option<usize>,
+        warnings: &mut Warnings,
+    ) -> Result<Self, SceneError> {
         let nodes = document.list("nodes");
-        let at = |node: usize| move |e: SceneError| e.at(|p| *p = Place { file: p.file.take(), ..place_of(document, node) });
+        let at = |node: usize| {
+            move |e: SceneError| e.at(|p| *p = Place { file: p.file.take(), ..place_of(document, node) })
+        };
         let mut parent = vec![None; nodes.len()];
         let mut below = Vec::with_capacity(nodes.len());
         for (number, node) in nodes.iter().enumerate() {
             let list = children(node, "children", nodes.len()).map_err(at(number))?;
             for &child in &list {
                 if let Some(first) = parent[child].replace(number) {
-                    return Err(two_parents(format!("nodes[{first}]"), format!("nodes[{number}]"))).map_err(at(child));
+                    return Err(two_parents(format!("nodes[{first}]"), format!("nodes[{number}]")))
+                        .map_err(at(child));
                 }
             }
             below.push(list);
         }
-        let order = parents_first(&parent).map_err(|node| at(node)(SceneError::Cycle { place: Box::default() }))?;
+        let order =
+            parents_first(&parent).map_err(|node| at(node)(SceneError::Cycle { place: Box::default() }))?;
         let mut world = vec![DMat4::IDENTITY; nodes.len()];
         for node in order {
             let local = local_transform(&nodes[node]).map_err(at(node))?;
@@ -136,7 +144,12 @@ pub(crate) fn transform(translation: DVec3, rotation: DQuat, scale: DVec3) -> DM
 }
 
 /// Nodes that animations move, with all below them, are baked where they stand.
-fn warn_of_animation(document: &Document, parent: &[Option<usize>], visited: &[usize], warnings: &mut Warnings) {
+fn warn_of_animation(
+    document: &Document,
+    parent: &[Option<usize>],
+    visited: &[usize],
+    warnings: &mut Warnings,
+) {
     let nodes = document.list("nodes");
     let mut moved = vec![false; nodes.len()];
     for animation in document.list("animations") {

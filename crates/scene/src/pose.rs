@@ -51,9 +51,9 @@ pub(crate) fn read_skin(document: &Document, skin: usize, nodes: &Nodes) -> Resu
         None => None,
     };
     let matrix = |(i, &joint): (usize, &usize)| {
-        let bind = inverse.as_ref().map_or(DMat4::IDENTITY, |e| {
-            DMat4::from_cols_array(&e.floats::<16>(i).map(f64::from))
-        });
+        let bind = inverse
+            .as_ref()
+            .map_or(DMat4::IDENTITY, |e| DMat4::from_cols_array(&e.floats::<16>(i).map(f64::from)));
         nodes.world[joint] * bind
     };
     Ok(Skin(joints.iter().enumerate().map(matrix).collect()))
@@ -123,11 +123,17 @@ fn morph(
     for (&[position, normal], &weight) in pool.targets.iter().zip(&weights) {
         if let Some(accessor) = position {
             let offsets = open(document, accessor, "POSITION", 3..=3, Some(count))?;
-            positions.iter_mut().enumerate().for_each(|(v, p)| *p += weight * Vec3::from_array(offsets.floats(v)));
+            positions
+                .iter_mut()
+                .enumerate()
+                .for_each(|(v, p)| *p += weight * Vec3::from_array(offsets.floats(v)));
         }
         if let (Some(accessor), Some(normals)) = (normal, normals.as_mut()) {
             let offsets = open(document, accessor, "NORMAL", 3..=3, Some(count))?;
-            normals.iter_mut().enumerate().for_each(|(v, n)| *n += weight * Vec3::from_array(offsets.floats(v)));
+            normals
+                .iter_mut()
+                .enumerate()
+                .for_each(|(v, n)| *n += weight * Vec3::from_array(offsets.floats(v)));
         }
     }
     Ok(Some((positions, normals)))
@@ -166,15 +172,23 @@ fn skinned(
     }
     let matrix = |v: usize| {
         // Weights need not sum to one after quantization.
-        if totals[v] == 0.0 { DMat4::IDENTITY } else { DMat4::from_cols_array(&blended[v].map(|m| m / totals[v])) }
+        if totals[v] == 0.0 {
+            DMat4::IDENTITY
+        } else {
+            DMat4::from_cols_array(&blended[v].map(|m| m / totals[v]))
+        }
     };
-    let mirrored = (0..count).filter(|&v| DMat3::from_mat4(matrix(v)).determinant() < 0.0).count() * 2 > count;
+    let mirrored =
+        (0..count).filter(|&v| DMat3::from_mat4(matrix(v)).determinant() < 0.0).count() * 2 > count;
     let normals = normals.map(|n| {
         let carry = |v: usize| normal_matrix(DMat3::from_mat4(matrix(v)));
         n.iter().enumerate().map(|(v, n)| direction(carry(v) * n.as_dvec3())).collect()
     });
-    let positions =
-        positions.iter().enumerate().map(|(v, p)| matrix(v).transform_point3(p.as_dvec3()).as_vec3()).collect();
+    let positions = positions
+        .iter()
+        .enumerate()
+        .map(|(v, p)| matrix(v).transform_point3(p.as_dvec3()).as_vec3())
+        .collect();
     Ok(Posed { positions, normals, mirrored })
 }
 

@@ -142,7 +142,9 @@ impl Scene {
         let mut uses = vec![0_usize; meshes];
         for &node in &nodes.visited {
             let json = &document.list("nodes")[node];
-            if let Some(mesh) = index(json, "mesh", meshes).map_err(|e| e.at(|p| *p = place_of(&document, node)))? {
+            if let Some(mesh) =
+                index(json, "mesh", meshes).map_err(|e| e.at(|p| *p = place_of(&document, node)))?
+            {
                 uses[mesh] += 1;
                 drawn.push((node, mesh));
             }
@@ -182,7 +184,8 @@ impl Scene {
     /// Deviation: transmission textures and texture levels below the finest are not looked at.
     pub fn triangle_opacity(&self, part: usize, triangle: usize, barycentric: [f32; 2]) -> f32 {
         let primitive = self.parts[part].triangle_primitives[triangle] as usize;
-        let Some(material) = self.parts[part].primitive_materials[primitive].map(|m| &self.materials[m]) else {
+        let Some(material) = self.parts[part].primitive_materials[primitive].map(|m| &self.materials[m])
+        else {
             return 1.0;
         };
         if !material.is_translucent() {
@@ -227,8 +230,18 @@ fn check_required(root: &Value) -> Result<(), SceneError> {
     const KNOWN: [&str; 4] = [DRACO, INSTANCING, "KHR_mesh_quantization", lightmap::EXTENSION];
     // These say how surfaces look or are lit, or describe the file; none moves a triangle.
     const HARMLESS: [&str; 13] = [
-        "KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_xmp", "KHR_animation_pointer", "KHR_node_visibility",
-        "KHR_audio", "EXT_texture_", "EXT_lights_", "MSFT_texture_", "KHR_node_selectability", "KHR_node_hoverability",
+        "KHR_materials_",
+        "KHR_texture_",
+        "KHR_lights_",
+        "KHR_xmp",
+        "KHR_animation_pointer",
+        "KHR_node_visibility",
+        "KHR_audio",
+        "EXT_texture_",
+        "EXT_lights_",
+        "MSFT_texture_",
+        "KHR_node_selectability",
+        "KHR_node_hoverability",
         "KHR_interactivity",
     ];
     for name in list(root, "extensionsRequired").iter().filter_map(Value::as_str) {
@@ -261,9 +274,13 @@ impl Reader<'_> {
     fn node(&mut self, node: usize, mesh: usize) -> Result<(), SceneError> {
         let pools = match self.pools.remove(&mesh) {
             Some(pools) => pools,
-            None => {
-                Rc::new(read_pools(self.document, mesh, self.materials, self.max_triangles, &mut self.warnings)?)
-            }
+            None => Rc::new(read_pools(
+                self.document,
+                mesh,
+                self.materials,
+                self.max_triangles,
+                &mut self.warnings,
+            )?),
         };
         self.uses[mesh] -= 1;
         if self.uses[mesh] > 0 {
@@ -289,13 +306,16 @@ impl Reader<'_> {
                         place: Box::default(),
                     });
                 }
-                let posed = pose(self.document, pool, json, mesh_json, world, skin.as_ref(), &mut self.warnings)
-                    .map_err(|e| {
-                        e.at(|p| {
-                            let named = crate::geometry::primitive_place(self.document, mesh, pool.primitives[0]);
-                            (p.mesh, p.mesh_name, p.primitive) = (named.mesh, named.mesh_name, named.primitive);
-                        })
-                    })?;
+                let posed =
+                    pose(self.document, pool, json, mesh_json, world, skin.as_ref(), &mut self.warnings)
+                        .map_err(|e| {
+                            e.at(|p| {
+                                let named =
+                                    crate::geometry::primitive_place(self.document, mesh, pool.primitives[0]);
+                                (p.mesh, p.mesh_name, p.primitive) =
+                                    (named.mesh, named.mesh_name, named.primitive);
+                            })
+                        })?;
                 self.part(node, mesh, instance, pool, posed);
             }
         }

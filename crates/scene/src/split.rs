@@ -30,8 +30,12 @@ pub(crate) fn split(
     const UNSEEN: u32 = u32::MAX - 1;
     // The copies of a vertex form a chain that starts at the original.
     let mut next = vec![UNSEEN; vertices];
-    let mut out =
-        Split { added: Vec::new(), codes: vec![UNUSED; vertices], fallback: vec![1.0; vertices], corners: Vec::new() };
+    let mut out = Split {
+        added: Vec::new(),
+        codes: vec![UNUSED; vertices],
+        fallback: vec![1.0; vertices],
+        corners: Vec::new(),
+    };
     out.corners.reserve_exact(codes.len());
     for (t, triangle) in corners.enumerate() {
         let mut place = |k: usize| -> u32 {

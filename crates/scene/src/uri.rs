@@ -52,8 +52,11 @@ fn percent_decode(text: &str) -> Option<String> {
 /// # Errors
 /// [`SceneError::Outside`] for absolute paths, `..` that leave the folder, and any scheme.
 pub(crate) fn relative_path(uri: &str, owner: &str) -> Result<PathBuf, SceneError> {
-    let outside =
-        || SceneError::Outside { owner: owner.to_owned(), uri: uri.chars().take(200).collect(), place: Box::default() };
+    let outside = || SceneError::Outside {
+        owner: owner.to_owned(),
+        uri: uri.chars().take(200).collect(),
+        place: Box::default(),
+    };
     let decoded = percent_decode(uri).filter(|d| !d.contains('\0')).ok_or_else(outside)?;
     // A scheme or a drive letter: letters, then a colon, before any slash.
     let head = decoded.split(['/', '\\']).next().unwrap_or("");
@@ -115,7 +118,11 @@ pub(crate) fn encode(path: &str) -> String {
             out += &format!("%{b:02X}");
         }
     }
-    if path.is_ascii() { out } else { path.replace('%', "%25").replace(' ', "%20").replace('#', "%23").replace('?', "%3F") }
+    if path.is_ascii() {
+        out
+    } else {
+        path.replace('%', "%25").replace(' ', "%20").replace('#', "%23").replace('?', "%3F")
+    }
 }
 
 #[cfg(test)]
@@ -138,8 +145,16 @@ mod tests {
     #[test]
     fn uri_outside_is_refused() {
         for uri in [
-            "../a.bin", "a/../../b", "/etc/passwd", "file:///etc/passwd", "http://x/a", "C:\\a", "..%2fa.bin",
-            "%2fetc/passwd", "..\\a", "a%00b",
+            "../a.bin",
+            "a/../../b",
+            "/etc/passwd",
+            "file:///etc/passwd",
+            "http://x/a",
+            "C:\\a",
+            "..%2fa.bin",
+            "%2fetc/passwd",
+            "..\\a",
+            "a%00b",
         ] {
             let error = relative_path(uri, "buffers[0]").unwrap_err();
             assert!(matches!(error, SceneError::Outside { .. }), "{uri}: {error}");

@@ -190,7 +190,11 @@ impl<'a> Patch<'a> {
     fn new(scene: &'a Scene, light: &'a BakedLight, glb: bool) -> Result<Self, SceneError> {
         let document = &scene.document;
         let is_fallback = |b: &crate::document::Buffer| b.source == BufferSource::Fallback;
-        let main = if glb { 0 } else { document.buffers.iter().position(|b| !is_fallback(b)).unwrap_or(document.buffers.len()) };
+        let main = if glb {
+            0
+        } else {
+            document.buffers.iter().position(|b| !is_fallback(b)).unwrap_or(document.buffers.len())
+        };
         if document.buffers.get(main).is_some_and(is_fallback) {
             return Err(SceneError::Unsupported {
                 what: "writing a .glb whose first buffer is a meshopt fallback".to_owned(),
@@ -228,14 +232,16 @@ impl<'a> Patch<'a> {
         // A mesh that an unlit node shows too must stay as it is.
         let mut taken = vec![false; meshes];
         for (node, json) in nodes.iter().enumerate().filter(|(n, _)| !lit[*n]) {
-            if let Some(mesh) = index(json, "mesh", meshes).map_err(|e| e.at(|p| *p = place_of(self.document, node)))? {
+            if let Some(mesh) =
+                index(json, "mesh", meshes).map_err(|e| e.at(|p| *p = place_of(self.document, node)))?
+            {
                 taken[mesh] = true;
             }
         }
         for (number, part) in parts.iter().enumerate() {
-            let same = number.checked_sub(1).filter(|&before| {
-                (parts[before].node, parts[before].instance) == (part.node, part.instance)
-            });
+            let same = number
+                .checked_sub(1)
+                .filter(|&before| (parts[before].node, parts[before].instance) == (part.node, part.instance));
             if let Some(before) = same {
                 self.mesh_of.push(self.mesh_of[before]);
                 continue;
@@ -271,7 +277,8 @@ impl<'a> Patch<'a> {
             let Some(json) = extension(original, INSTANCING) else { return Ok(()) };
             self.instances = Some((node, instances::read(self.document, json)?));
         }
-        let Some(placed) = self.instances.as_ref().and_then(|(_, all)| all.get(instance as usize).copied()) else {
+        let Some(placed) = self.instances.as_ref().and_then(|(_, all)| all.get(instance as usize).copied())
+        else {
             return Ok(());
         };
         let mut child = Map::new();
@@ -305,7 +312,11 @@ impl<'a> Patch<'a> {
         remove_extension(parent, INSTANCING);
         array(parent, "children").push(number.into());
         self.written.expanded_instances += 1;
-        self.warnings.add("GPU instances became nodes, so that each has its own light", 1, place_of(self.document, node));
+        self.warnings.add(
+            "GPU instances became nodes, so that each has its own light",
+            1,
+            place_of(self.document, node),
+        );
         Ok(())
     }
 
@@ -362,7 +373,8 @@ impl<'a> Patch<'a> {
         let corners = (0..part.triangles.len()).map(|t| self.scene.gltf_corners(number, t));
         let split = split(source.vertices, corners, &light.corner_codes, &light.corner_fallback);
         let first = self.primitive(part.mesh, part.primitives[0]).clone();
-        let original_color = attribute(self.document, &first, COLOR)?.filter(|_| self.light.fallback == Fallback::Color0);
+        let original_color =
+            attribute(self.document, &first, COLOR)?.filter(|_| self.light.fallback == Fallback::Color0);
         let original_stride = self.stride(&first)?;
         if split.added.is_empty() {
             self.draco_to_plain(number)?;
@@ -378,7 +390,8 @@ impl<'a> Patch<'a> {
             Fallback::None => None,
         };
         for &primitive in &part.primitives {
-            let json = &mut array(&mut array(&mut self.root, "meshes")[self.mesh_of[number]], "primitives")[primitive];
+            let json = &mut array(&mut array(&mut self.root, "meshes")[self.mesh_of[number]], "primitives")
+                [primitive];
             let attributes = object(object(json).entry("attributes").or_insert(Value::Null));
             let mut ours = Map::new();
             ours.insert("attribute".to_owned(), ATTRIBUTE.into());
@@ -441,7 +454,8 @@ impl<'a> Patch<'a> {
             }
             self.leave_draco(number, primitive);
             for accessor in Self::vertex_accessors(json) {
-                if self.document.decoded.contains_key(&accessor) && self.plain.insert(accessor, ()).is_none() {
+                if self.document.decoded.contains_key(&accessor) && self.plain.insert(accessor, ()).is_none()
+                {
                     let (bytes, stride) = self.packed(accessor, &[])?;
                     self.make_plain(accessor, Purpose::Vertices { stride }, &bytes)?;
                 }
@@ -523,7 +537,8 @@ impl<'a> Patch<'a> {
         self.written.plain_meshopt += usize::from(compressed);
         let mut start = 0;
         for (local, &primitive) in part.primitives.iter().enumerate() {
-            let end = start + part.triangle_primitives[start..].iter().take_while(|&&p| p == local as u32).count();
+            let end =
+                start + part.triangle_primitives[start..].iter().take_while(|&&p| p == local as u32).count();
             let indices = self.split_indices(number, primitive, split, start..end)?;
             if extension(self.primitive(part.mesh, primitive), DRACO).is_some() {
                 self.leave_draco(number, primitive);
@@ -614,7 +629,9 @@ impl<'a> Patch<'a> {
                 split.added[v - (split.codes.len() - split.added.len())] as usize
             };
             let color = |c: usize| match &colors {
-                Some(colors) if c < colors.layout.width => Some(colors.f32(from, c)).filter(|x| x.is_finite()).unwrap_or(1.0),
+                Some(colors) if c < colors.layout.width => {
+                    Some(colors.f32(from, c)).filter(|x| x.is_finite()).unwrap_or(1.0)
+                }
                 _ => 1.0,
             };
             (0..3).for_each(|c| bytes.push(byte(light * color(c))));
@@ -668,13 +685,18 @@ impl<'a> Patch<'a> {
     fn finish(mut self, path: &Path) -> Result<Written, SceneError> {
         if self.written.plain_draco > 0 {
             let place = crate::error::Place::default();
-            self.warnings.add("Draco primitives are written without compression", self.written.plain_draco, place);
+            self.warnings.add(
+                "Draco primitives are written without compression",
+                self.written.plain_draco,
+                place,
+            );
             if !garbage::primitives_use(&self.root, DRACO) {
                 self.forget_extension(DRACO);
             }
         }
         // The new views, without their offsets yet.
-        let views: Vec<Value> = self.views.iter().map(|(purpose, bytes)| view_json(*purpose, self.main, bytes.len())).collect();
+        let views: Vec<Value> =
+            self.views.iter().map(|(purpose, bytes)| view_json(*purpose, self.main, bytes.len())).collect();
         if !views.is_empty() {
             array(&mut self.root, "bufferViews").extend(views);
         }
@@ -736,11 +758,14 @@ impl<'a> Patch<'a> {
                 continue;
             }
             let named = |root: &Value, b: usize| {
-                list(root, "bufferViews").iter().any(|v| v.get("buffer").and_then(Value::as_u64) == Some(b as u64))
+                list(root, "bufferViews")
+                    .iter()
+                    .any(|v| v.get("buffer").and_then(Value::as_u64) == Some(b as u64))
             };
             while let Some(last) = list(&self.root, "buffers").len().checked_sub(1) {
                 let fallback = extension(&list(&self.root, "buffers")[last], name).is_some();
-                let placeholder = self.document.buffers.get(last).is_some_and(|b| b.source == BufferSource::Fallback);
+                let placeholder =
+                    self.document.buffers.get(last).is_some_and(|b| b.source == BufferSource::Fallback);
                 if last == self.main || !fallback || !placeholder || named(&self.root, last) {
                     break;
                 }
@@ -755,7 +780,9 @@ impl<'a> Patch<'a> {
     /// The name of the binary file, which no other resource may have.
     fn bin_name(&self, path: &Path) -> String {
         let plain = format!("{}.bin", stem(path));
-        let clash = self.resources().any(|(owner, relative)| owner != Some(self.main) && relative == Path::new(&plain));
+        let clash = self
+            .resources()
+            .any(|(owner, relative)| owner != Some(self.main) && relative == Path::new(&plain));
         if clash { format!("{}.lightkiln.bin", stem(path)) } else { plain }
     }
 
@@ -772,7 +799,8 @@ impl<'a> Patch<'a> {
 
     /// Copies what the scene refers to beside the output, where it is not there yet.
     fn copy_resources(&mut self, path: &Path) -> Result<(), SceneError> {
-        let folder = |p: &Path| p.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned();
+        let folder =
+            |p: &Path| p.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned();
         let Some(from) = self.document.path.as_deref().map(folder) else { return Ok(()) };
         let to = folder(path);
         let real = |p: &Path| p.canonicalize().unwrap_or_else(|_| p.to_owned());
@@ -783,11 +811,20 @@ impl<'a> Patch<'a> {
             self.resources().filter(|(owner, _)| *owner != Some(self.main)).map(|(_, path)| path).collect();
         for relative in wanted {
             let (source, target) = (from.join(&relative), to.join(&relative));
-            let failed = |action, path: &Path, source| SceneError::Io { action, path: path.to_owned(), source, place: Box::default() };
+            let failed = |action, path: &Path, source| SceneError::Io {
+                action,
+                path: path.to_owned(),
+                source,
+                place: Box::default(),
+            };
             let bytes = match std::fs::read(&source) {
                 Ok(bytes) => bytes,
                 Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                    self.warnings.add("images that the scene names do not exist", 1, crate::error::Place::default());
+                    self.warnings.add(
+                        "images that the scene names do not exist",
+                        1,
+                        crate::error::Place::default(),
+                    );
                     continue;
                 }
                 Err(e) => return Err(failed("read", &source, e)),
@@ -795,7 +832,8 @@ impl<'a> Patch<'a> {
             match std::fs::read(&target) {
                 Ok(there) if there == bytes => {}
                 Ok(_) => {
-                    let exists = std::io::Error::new(std::io::ErrorKind::AlreadyExists, "another file has that name");
+                    let exists =
+                        std::io::Error::new(std::io::ErrorKind::AlreadyExists, "another file has that name");
                     return Err(failed("copy a resource to", &target, exists));
                 }
                 Err(_) => self.staged.write(&target, &bytes)?,

@@ -24,10 +24,15 @@ fn error_position_not_finite_names_its_place() {
     let error = fails(&g);
     assert!(matches!(error, SceneError::NotFinite { element: 1, .. }), "{error}");
     let place = error.place();
-    assert_eq!((place.node, place.mesh, place.primitive, place.accessor), (Some(0), Some(0), Some(0), Some(0)));
+    assert_eq!(
+        (place.node, place.mesh, place.primitive, place.accessor),
+        (Some(0), Some(0), Some(0), Some(0))
+    );
     assert!(
-        text(&error).ends_with("meshes[0].primitives[0].POSITION (accessors[0], mesh \"quad\", nodes[0] \"first\")"),
-        "{}", text(&error)
+        text(&error)
+            .ends_with("meshes[0].primitives[0].POSITION (accessors[0], mesh \"quad\", nodes[0] \"first\")"),
+        "{}",
+        text(&error)
     );
 }
 
@@ -44,7 +49,8 @@ fn error_vertex_index_names_primitive_and_value() {
 #[test]
 fn error_graph_cycles_and_two_parents() {
     let mut g = Gltf::quad();
-    g.json["nodes"] = json!([{"mesh": 0, "children": [1]}, {"children": [2]}, {"children": [1], "name": "loop"}]);
+    g.json["nodes"] =
+        json!([{"mesh": 0, "children": [1]}, {"children": [2]}, {"children": [1], "name": "loop"}]);
     assert!(matches!(fails(&g), SceneError::TwoParents { .. }));
     g.json["nodes"] = json!([{"mesh": 0}, {"children": [2]}, {"children": [1], "name": "loop"}]);
     assert!(matches!(fails(&g), SceneError::Cycle { .. }));
@@ -57,9 +63,15 @@ fn error_graph_cycles_and_two_parents() {
 
 #[test]
 fn error_references_out_of_range() {
-    for pointer in ["/nodes/0/mesh", "/meshes/0/primitives/0/indices", "/meshes/0/primitives/0/attributes/POSITION",
-        "/accessors/0/bufferView", "/bufferViews/0/buffer", "/scenes/0/nodes/0", "/scene"]
-    {
+    for pointer in [
+        "/nodes/0/mesh",
+        "/meshes/0/primitives/0/indices",
+        "/meshes/0/primitives/0/attributes/POSITION",
+        "/accessors/0/bufferView",
+        "/bufferViews/0/buffer",
+        "/scenes/0/nodes/0",
+        "/scene",
+    ] {
         let mut g = Gltf::quad();
         *g.json.pointer_mut(pointer).unwrap() = 77.into();
         let error = fails(&g);
@@ -76,7 +88,10 @@ fn error_absurd_counts_are_found_before_allocating() {
         let mut g = Gltf::quad();
         g.json["accessors"][0]["count"] = count.into();
         let error = fails(&g);
-        assert!(matches!(error, SceneError::Truncated { .. } | SceneError::TooLarge { .. }), "{count}: {error}");
+        assert!(
+            matches!(error, SceneError::Truncated { .. } | SceneError::TooLarge { .. }),
+            "{count}: {error}"
+        );
     }
     let mut g = Gltf::quad();
     g.json["accessors"][0] = json!({"componentType": 5126, "type": "VEC3", "count": 4_000_000_000_u64});
@@ -142,7 +157,8 @@ fn error_buffers_missing_outside_or_short() {
 #[test]
 fn error_required_extensions() {
     let mut g = Gltf::quad();
-    g.json["extensionsRequired"] = json!(["KHR_texture_basisu", "KHR_materials_unlit", "KHR_texture_transform"]);
+    g.json["extensionsRequired"] =
+        json!(["KHR_texture_basisu", "KHR_materials_unlit", "KHR_texture_transform"]);
     assert!(g.read().is_ok());
     g.json["extensionsRequired"] = json!(["VENDOR_geometry"]);
     let error = fails(&g);
@@ -168,7 +184,10 @@ fn error_light_that_does_not_fit() {
     wrong.parts[0].corner_codes.pop();
     let out = folder.0.join("out.glb");
     assert!(matches!(write(&scene, &wrong, &out), Err(SceneError::Light { count: 1, expected: 2, .. })));
-    assert!(matches!(write(&scene, &light(&scene, true), &folder.0.join("out.obj")), Err(SceneError::OutputName { .. })));
+    assert!(matches!(
+        write(&scene, &light(&scene, true), &folder.0.join("out.obj")),
+        Err(SceneError::OutputName { .. })
+    ));
     let other = rich().read().unwrap();
     assert!(matches!(write(&other, &light(&scene, true), &out), Err(SceneError::Light { .. })));
     assert_eq!(std::fs::read_dir(&folder.0).unwrap().count(), 0);

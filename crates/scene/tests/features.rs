@@ -120,9 +120,13 @@ fn read_quantized_interleaved_sparse() {
     }
     let view = g.view(&bytes);
     g.json["bufferViews"][view]["byteStride"] = 12.into();
-    let p = g.push("accessors", json!({"bufferView": view, "componentType": 5122, "type": "VEC3", "count": 4}));
-    let n = g.push("accessors", json!({"bufferView": view, "byteOffset": 8, "componentType": 5120, "type": "VEC3",
-        "count": 4, "normalized": true}));
+    let p =
+        g.push("accessors", json!({"bufferView": view, "componentType": 5122, "type": "VEC3", "count": 4}));
+    let n = g.push(
+        "accessors",
+        json!({"bufferView": view, "byteOffset": 8, "componentType": 5120, "type": "VEC3",
+        "count": 4, "normalized": true}),
+    );
     let i = g.indices(&[0, 1, 2, 2, 1, 3]);
     g.primitive(json!({"attributes": {"POSITION": p, "NORMAL": n}, "indices": i}));
     g.json["nodes"][0]["scale"] = json!([0.001, 0.001, 0.001]);
@@ -210,7 +214,10 @@ fn opacity_follows_mask_blend_transmission_wrap_and_transform() {
     g.push("samplers", json!({"wrapS": 33071, "wrapT": 33071}));
     g.push("textures", json!({"source": 0, "sampler": 0}));
     let uv = g.floats("VEC2", &[0., 0., 1., 0., 0., 1., 1., 1.]);
-    g.push("materials", json!({"alphaMode": "MASK", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}));
+    g.push(
+        "materials",
+        json!({"alphaMode": "MASK", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}),
+    );
     g.json["meshes"][0]["primitives"][0]["material"] = 0.into();
     g.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = uv.into();
     let at = |g: &Gltf, t, b| g.read().unwrap().triangle_opacity(0, t, b);
@@ -249,7 +256,11 @@ fn differences(a: &Value, b: &Value, path: &str, out: &mut Vec<String>) {
     match (a, b) {
         (Value::Object(x), Value::Object(y)) => {
             let order: Vec<_> = y.keys().filter(|k| x.contains_key(*k)).collect();
-            assert_eq!(order, x.keys().filter(|k| y.contains_key(*k)).collect::<Vec<_>>(), "order of keys at {path}");
+            assert_eq!(
+                order,
+                x.keys().filter(|k| y.contains_key(*k)).collect::<Vec<_>>(),
+                "order of keys at {path}"
+            );
             for (k, v) in x {
                 match y.get(k) {
                     Some(w) => differences(v, w, &format!("{path}/{k}"), out),
@@ -258,7 +269,10 @@ fn differences(a: &Value, b: &Value, path: &str, out: &mut Vec<String>) {
             }
         }
         (Value::Array(x), Value::Array(y)) if x.len() <= y.len() => {
-            x.iter().zip(y).enumerate().for_each(|(i, (v, w))| differences(v, w, &format!("{path}/{i}"), out));
+            x.iter()
+                .zip(y)
+                .enumerate()
+                .for_each(|(i, (v, w))| differences(v, w, &format!("{path}/{i}"), out));
         }
         _ if a == b => {}
         _ => out.push(path.to_owned()),
@@ -281,8 +295,11 @@ fn write_without_splits_only_adds() {
     differences(&before, &after, "", &mut found);
     // Two more users of the mesh get clones; COLOR_0 is ours; the buffer grows.
     let expected = [
-        "/nodes/1/mesh", "/nodes/4/mesh", "/meshes/0/primitives/0/attributes/COLOR_0",
-        "/meshes/0/primitives/1/attributes/COLOR_0", "/buffers/0/byteLength",
+        "/nodes/1/mesh",
+        "/nodes/4/mesh",
+        "/meshes/0/primitives/0/attributes/COLOR_0",
+        "/meshes/0/primitives/1/attributes/COLOR_0",
+        "/buffers/0/byteLength",
     ];
     let mut expected = expected.map(str::to_owned).to_vec();
     expected.sort();
@@ -293,10 +310,16 @@ fn write_without_splits_only_adds() {
         primitive["extensions"]["LIGHTKILN_lightmap"],
         json!({"attribute": ATTRIBUTE, "lightmap": 0, "color0": ORIGINAL_COLOR, "fallback": "COLOR_0"})
     );
-    assert_eq!(primitive["attributes"][ORIGINAL_COLOR], before["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]);
+    assert_eq!(
+        primitive["attributes"][ORIGINAL_COLOR],
+        before["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]
+    );
     let codes = primitive["attributes"][ATTRIBUTE].as_u64().unwrap() as usize;
     let accessor = &after["accessors"][codes];
-    assert_eq!((&accessor["componentType"], &accessor["type"], &accessor["count"]), (&json!(5123), &json!("VEC2"), &json!(4)));
+    assert_eq!(
+        (&accessor["componentType"], &accessor["type"], &accessor["count"]),
+        (&json!(5123), &json!("VEC2"), &json!(4))
+    );
     assert!(accessor.get("normalized").is_none());
     let view = &after["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
     assert_eq!((&view["byteStride"], &view["target"]), (&json!(4), &json!(34962)));
@@ -339,7 +362,10 @@ fn write_again_restores_the_original_first() {
     let again = Scene::read(&second, &ReadOptions::default()).unwrap();
     for (a, b) in again.parts.iter().zip(&scene.parts) {
         for t in 0..a.triangles.len() {
-            assert_eq!(a.triangles[t].map(|v| a.positions[v as usize]), b.triangles[t].map(|v| b.positions[v as usize]));
+            assert_eq!(
+                a.triangles[t].map(|v| a.positions[v as usize]),
+                b.triangles[t].map(|v| b.positions[v as usize])
+            );
         }
     }
 }
@@ -389,7 +415,10 @@ fn write_mirrored_keeps_the_winding_of_the_file() {
     write(&scene, &light(&scene, true), &out).unwrap();
     let again = Scene::read(&out, &ReadOptions::default()).unwrap();
     assert!((0..2).all(|t| front(&again, 0, t) == front(&scene, 0, t)));
-    assert_eq!(again.read_lightmap().unwrap().unwrap().parts[0].corner_codes, light(&scene, true).parts[0].corner_codes);
+    assert_eq!(
+        again.read_lightmap().unwrap().unwrap().parts[0].corner_codes,
+        light(&scene, true).parts[0].corner_codes
+    );
 }
 
 #[test]
@@ -418,7 +447,10 @@ fn write_gltf_copies_resources_and_leaves_no_temporary_files() {
         assert_eq!(std::fs::metadata(&file.path).unwrap().len(), file.bytes);
     }
     let again = Scene::read(&out, &ReadOptions::default()).unwrap();
-    assert_eq!(again.read_lightmap().unwrap().unwrap().pages[0].uri.as_deref(), Some("bäked%20scene.lightkiln.0.png"));
+    assert_eq!(
+        again.read_lightmap().unwrap().unwrap().pages[0].uri.as_deref(),
+        Some("bäked%20scene.lightkiln.0.png")
+    );
     // Into a .glb: the buffer moves inside.
     write(&scene, &light(&scene, true), &to.join("inside.glb")).unwrap();
     let inside = Scene::read(&to.join("inside.glb"), &ReadOptions::default()).unwrap();
@@ -453,5 +485,8 @@ fn write_same_input_gives_same_bytes() {
     for name in ["a.glb", "b.glb"] {
         write(&scene, &light(&scene, true), &folder.0.join(name)).unwrap();
     }
-    assert_eq!(std::fs::read(folder.0.join("a.glb")).unwrap(), std::fs::read(folder.0.join("b.glb")).unwrap());
+    assert_eq!(
+        std::fs::read(folder.0.join("a.glb")).unwrap(),
+        std::fs::read(folder.0.join("b.glb")).unwrap()
+    );
 }

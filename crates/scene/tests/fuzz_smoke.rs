@@ -66,10 +66,33 @@ fn mutate(seed: &[u8], random: &mut Random) -> Vec<u8> {
             let mut json = json_of(seed);
             for _ in 0..=random.below(2) {
                 let with = [
-                    json!(null), json!(-1), json!(0), json!(1), json!(2), json!(3), json!(255), json!(65535), json!(65536),
-                    json!(4294967295_u64), json!(u64::MAX), json!(1e300), json!(-0.5), json!("x"), json!([]), json!({}),
-                    json!(true), json!([0]), json!([1e38, 1e38, 1e38]), json!("MASK"), json!(5120), json!(5126),
-                    json!("VEC3"), json!("data:,abc"), json!("../x"), json!(16), json!(1 << 20),
+                    json!(null),
+                    json!(-1),
+                    json!(0),
+                    json!(1),
+                    json!(2),
+                    json!(3),
+                    json!(255),
+                    json!(65535),
+                    json!(65536),
+                    json!(4294967295_u64),
+                    json!(u64::MAX),
+                    json!(1e300),
+                    json!(-0.5),
+                    json!("x"),
+                    json!([]),
+                    json!({}),
+                    json!(true),
+                    json!([0]),
+                    json!([1e38, 1e38, 1e38]),
+                    json!("MASK"),
+                    json!(5120),
+                    json!(5126),
+                    json!("VEC3"),
+                    json!("data:,abc"),
+                    json!("../x"),
+                    json!(16),
+                    json!(1 << 20),
                 ];
                 let mut n = random.below(count(&json));
                 replace(&mut json, &mut n, &with[random.below(with.len())]);
@@ -137,7 +160,8 @@ fn fuzz_damaged_files_never_panic() {
             Ok(ok) => read += usize::from(ok),
             Err(_) => {
                 if let Some(keep) = std::env::var_os("LIGHTKILN_KEEP") {
-                    std::fs::write(std::path::Path::new(&keep).join(format!("crash-{round}.glb")), &bytes).unwrap();
+                    std::fs::write(std::path::Path::new(&keep).join(format!("crash-{round}.glb")), &bytes)
+                        .unwrap();
                 }
                 panic!("round {round} panicked");
             }

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use lightkiln_scene::{AtlasFiles, BakedLight, ExtensionInfo, Fallback, PartLight, ReadOptions, Scene, write};
+use lightkiln_scene::{
+    AtlasFiles, BakedLight, ExtensionInfo, Fallback, PartLight, ReadOptions, Scene, write,
+};
 
 fn scenes() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/scenes");
@@ -26,7 +28,9 @@ fn scene(name: &str) -> Option<Scene> {
 
 fn png() -> Vec<u8> {
     let mut out = std::io::Cursor::new(Vec::new());
-    image::GrayImage::from_pixel(4, 4, image::Luma([128])).write_to(&mut out, image::ImageFormat::Png).unwrap();
+    image::GrayImage::from_pixel(4, 4, image::Luma([128]))
+        .write_to(&mut out, image::ImageFormat::Png)
+        .unwrap();
     out.into_inner()
 }
 
@@ -68,7 +72,8 @@ fn scenes_round_trip() {
     let folder = output_folder("scenes");
     for path in scenes() {
         let start = Instant::now();
-        let scene = Scene::read(&path, &ReadOptions::default()).unwrap_or_else(|e| panic!("{e}\n in {}", e.place()));
+        let scene =
+            Scene::read(&path, &ReadOptions::default()).unwrap_or_else(|e| panic!("{e}\n in {}", e.place()));
         let read = start.elapsed();
         let triangles: usize = scene.parts.iter().map(|p| p.triangles.len()).sum();
         assert!(triangles > 0);
@@ -86,18 +91,24 @@ fn scenes_round_trip() {
             let added: usize = written.parts.iter().map(|p| p.added_vertices).sum();
             println!(
                 "{:40} {triangles} triangles, {} parts, read {read:?}, wrote {wrote:?}, +{added} vertices, dropped {}, wasted {}",
-                out.file_name().unwrap().to_string_lossy(), scene.parts.len(), written.dropped_bytes, written.wasted_bytes
+                out.file_name().unwrap().to_string_lossy(),
+                scene.parts.len(),
+                written.dropped_bytes,
+                written.wasted_bytes
             );
             for w in written.warnings.iter().chain(&scene.warnings) {
                 println!("    {} x {}", w.message, w.count);
             }
             // Suzanne has vertices of its own for each triangle: nothing is shared, nothing splits.
             assert_eq!(added > 0, every > 0 && !path.ends_with("suzanne.glb"));
-            let again = Scene::read(&out, &ReadOptions::default()).unwrap_or_else(|e| panic!("{e}\n in {}", e.place()));
+            let again = Scene::read(&out, &ReadOptions::default())
+                .unwrap_or_else(|e| panic!("{e}\n in {}", e.place()));
             assert_eq!(again.parts.len(), scene.parts.len());
             for (a, b) in again.parts.iter().zip(&scene.parts) {
                 assert_eq!(a.triangles.len(), b.triangles.len());
-                let place = |p: &lightkiln_scene::Part, t: usize| p.triangles[t].map(|v| (p.positions[v as usize], p.normals[v as usize]));
+                let place = |p: &lightkiln_scene::Part, t: usize| {
+                    p.triangles[t].map(|v| (p.positions[v as usize], p.normals[v as usize]))
+                };
                 assert!((0..a.triangles.len()).all(|t| place(a, t) == place(b, t)));
                 assert_eq!(a.triangle_primitives, b.triangle_primitives);
                 assert_eq!(a.primitive_materials, b.primitive_materials);
@@ -112,7 +123,12 @@ fn scenes_round_trip() {
             if every == 0 {
                 let twice = folder.join("twice.glb");
                 write(&again, &light, &twice).unwrap();
-                assert_eq!(std::fs::read(&twice).unwrap().len(), std::fs::read(&out).unwrap().len(), "{}", out.display());
+                assert_eq!(
+                    std::fs::read(&twice).unwrap().len(),
+                    std::fs::read(&out).unwrap().len(),
+                    "{}",
+                    out.display()
+                );
                 std::fs::remove_file(twice).unwrap();
             }
         }
@@ -122,7 +138,9 @@ fn scenes_round_trip() {
 
 #[test]
 fn scene_meshopt_equals_plain() {
-    let (Some(plain), Some(packed)) = (scene("lamborghini_huracan.glb"), scene("lamborghini_huracan.meshopt.glb")) else {
+    let (Some(plain), Some(packed)) =
+        (scene("lamborghini_huracan.glb"), scene("lamborghini_huracan.meshopt.glb"))
+    else {
         return;
     };
     assert_eq!(plain.parts.len(), packed.parts.len());
@@ -154,7 +172,8 @@ fn scene_draco_equals_plain() {
     assert_eq!(a.triangles.len(), b.triangles.len());
     let size = a.positions.iter().fold(0.0_f32, |m, p| m.max(p.abs().max_element()));
     let centres = |p: &lightkiln_scene::Part| {
-        let c = p.triangles.iter().map(|t| t.iter().map(|&v| p.positions[v as usize]).sum::<glam::Vec3>() / 3.0);
+        let c =
+            p.triangles.iter().map(|t| t.iter().map(|&v| p.positions[v as usize]).sum::<glam::Vec3>() / 3.0);
         c.collect::<Vec<_>>()
     };
     let (ca, cb) = (centres(a), centres(b));

@@ -1,7 +1,9 @@
 //! Small glTF files built in code.
 #![allow(dead_code)] // every test file uses another part
 
-use lightkiln_scene::{AtlasFiles, BakedLight, ExtensionInfo, Fallback, PartLight, ReadOptions, Scene, SceneError};
+use lightkiln_scene::{
+    AtlasFiles, BakedLight, ExtensionInfo, Fallback, PartLight, ReadOptions, Scene, SceneError,
+};
 use serde_json::{Value, json};
 
 /// A file with one buffer.
@@ -21,7 +23,8 @@ impl Gltf {
     }
 
     pub fn push(&mut self, key: &str, value: Value) -> usize {
-        let array = self.json.as_object_mut().unwrap().entry(key).or_insert(json!([])).as_array_mut().unwrap();
+        let array =
+            self.json.as_object_mut().unwrap().entry(key).or_insert(json!([])).as_array_mut().unwrap();
         array.push(value);
         array.len() - 1
     }
@@ -35,7 +38,10 @@ impl Gltf {
 
     pub fn accessor(&mut self, component: u64, kind: &str, count: usize, bytes: &[u8]) -> usize {
         let view = self.view(bytes);
-        self.push("accessors", json!({"bufferView": view, "componentType": component, "type": kind, "count": count}))
+        self.push(
+            "accessors",
+            json!({"bufferView": view, "componentType": component, "type": kind, "count": count}),
+        )
     }
 
     pub fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
@@ -173,10 +179,14 @@ pub fn rich() -> Gltf {
     g.push("images", json!({"bufferView": image, "mimeType": "image/png"}));
     g.push("samplers", json!({"wrapS": 33648, "wrapT": 33071}));
     g.push("textures", json!({"source": 0, "sampler": 0}));
-    let info = json!({"index": 0, "extensions": {"KHR_texture_transform": {"scale": [2, 2], "rotation": 0.5}}});
+    let info =
+        json!({"index": 0, "extensions": {"KHR_texture_transform": {"scale": [2, 2], "rotation": 0.5}}});
     g.push("materials", json!({"alphaMode": "MASK", "pbrMetallicRoughness": {"baseColorTexture": info}, "extras": {"a": 1.5}}));
-    g.push("materials", json!({"alphaMode": "BLEND", "doubleSided": true,
-        "extensions": {"KHR_materials_transmission": {"transmissionFactor": 0.5}}}));
+    g.push(
+        "materials",
+        json!({"alphaMode": "BLEND", "doubleSided": true,
+        "extensions": {"KHR_materials_transmission": {"transmissionFactor": 0.5}}}),
+    );
     let primitive = &mut g.json["meshes"][0]["primitives"][0];
     primitive["material"] = 0.into();
     primitive["attributes"]["TEXCOORD_0"] = uv.into();
@@ -192,7 +202,8 @@ pub fn rich() -> Gltf {
     let lines = g.indices(&[0, 1]);
     g.primitive(json!({"attributes": {"POSITION": 0}, "indices": lines, "mode": 1}));
     g.json["meshes"][0]["weights"] = json!([0.5]);
-    let bind = g.floats("MAT4", &[[1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]; 2].concat());
+    let bind =
+        g.floats("MAT4", &[[1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]; 2].concat());
     g.push("skins", json!({"joints": [2, 3], "inverseBindMatrices": bind}));
     g.json["nodes"] = json!([
         {"mesh": 0, "name": "first", "skin": 0, "children": [1], "scale": [1, 2, -3]},
@@ -208,10 +219,17 @@ pub fn rich() -> Gltf {
     g.json["nodes"][4]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] =
         json!({"TRANSLATION": move_to, "ROTATION": turn});
     let times = g.floats("SCALAR", &[0., 1.]);
-    g.push("animations", json!({"channels": [{"sampler": 0, "target": {"node": 1, "path": "translation"}}],
-        "samplers": [{"input": times, "output": move_to}]}));
-    g.json["extensionsUsed"] =
-        json!(["KHR_texture_transform", "KHR_materials_transmission", "EXT_mesh_gpu_instancing", "VENDOR_unknown"]);
+    g.push(
+        "animations",
+        json!({"channels": [{"sampler": 0, "target": {"node": 1, "path": "translation"}}],
+        "samplers": [{"input": times, "output": move_to}]}),
+    );
+    g.json["extensionsUsed"] = json!([
+        "KHR_texture_transform",
+        "KHR_materials_transmission",
+        "EXT_mesh_gpu_instancing",
+        "VENDOR_unknown"
+    ]);
     g.json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
     g.json["extensions"] = json!({"VENDOR_unknown": {"z": 1, "a": [0.1, 1e-7, 123456789012345678_u64]}});
     g
