@@ -165,7 +165,7 @@ pub const RECIPES: &[Recipe] = &[
         about: "an upholstered car seat: quilted cushions, bolsters, piping, headrest, rails",
         size_is: "triangles",
         default_size: 160_000,
-        sizes: (20_000, 4_000_000),
+        sizes: (40_000, 4_000_000),
         make: |size, _| Ok(seat::seat(size)),
     },
     Recipe {
@@ -204,7 +204,7 @@ impl Recipe {
 /// A scene as the bytes of a .glb file.
 ///
 /// - `size`: what it counts depends on the scene, see [`RECIPES`]; for `seat` and `car` the number of triangles,
-///   met to about two percent
+///   met to a few percent
 ///
 /// # Errors
 /// [`PropsError`] for unknown names and sizes that the scene does not have.

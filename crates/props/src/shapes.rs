@@ -20,8 +20,10 @@ pub struct Detail {
 }
 
 impl Detail {
-    /// Edges along a length, at least `least`.
+    /// Edges along a length, at least `least`, or some fewer where detail is low.
     pub fn steps(&self, length: f64, least: usize) -> usize {
+        let low = (self.per_metre / 40.0).clamp(0.4, 1.0);
+        let least = ((least as f64 * low).ceil() as usize).max(least.min(4));
         ((length * self.per_metre).round() as usize).max(least)
     }
 }
@@ -138,7 +140,9 @@ pub fn panel(detail: &Detail, least: [usize; 2], thickness: f64, f: &dyn Fn(f64,
     let normal = |u: f64, v: f64| normal_of(f, u, v);
     let inner = |u: f64, v: f64| f(u, v) - thickness * normal(u, v);
     let outer = grid(detail, [nu, nv], false, |u, v| (f(u, v), normal(u, v)));
-    let back = grid(detail, [nu, nv], false, |u, v| (inner(1.0 - u, v), -normal(1.0 - u, v)));
+    // The same diagonals on both sides, or they would cut through each other where the grid is coarse.
+    let mut back = grid(detail, [nu, nv], false, |u, v| (inner(u, v), -normal(u, v)));
+    back.triangles.iter_mut().for_each(|t| t.swap(1, 2));
 
     // Once around, counter-clockwise: place on the edge and the way out; corners turn in steps.
     const CORNER: usize = 3;
@@ -156,8 +160,9 @@ pub fn panel(detail: &Detail, least: [usize; 2], thickness: f64, f: &dyn Fn(f64,
         ([0.0, 1.0], [0.0, 0.0], nv),
     ];
     let out = |side: usize, u: f64, v: f64, n: DVec3| {
-        let (from, to, _) = sides[side];
-        let step = 1e-4;
+        let (from, to, steps) = sides[side];
+        // Half a step either way: the way out turns smoothly where the edge has a corner.
+        let step = 0.5 / steps as f64;
         let (du, dv) = ((to[0] - from[0]) * step, (to[1] - from[1]) * step);
         let at = |k: f64| f((u + k * du).clamp(0.0, 1.0), (v + k * dv).clamp(0.0, 1.0));
         (at(1.0) - at(-1.0)).cross(n).normalize()
@@ -367,13 +372,14 @@ pub fn cuboid(low: DVec3, high: DVec3, steps: [usize; 3]) -> Surface {
     all
 }
 
-/// A box around the origin with round edges.
+/// A box around the origin with round edges, cut into `round_steps` or fewer where detail is low.
 pub fn rounded_box(detail: &Detail, half: DVec3, radius: f64, round_steps: usize) -> Surface {
     let inner = (half - radius).max(DVec3::ZERO);
     // Places along one axis on the faces of a cube; the outermost ones are exact, as two faces share them.
     let places = |k: usize| {
         let straight = detail.steps(2.0 * inner[k], 1);
-        let round = round_steps.max(detail.steps(FRAC_PI_4 * radius, 1));
+        let coarse = detail.steps(2.0 * radius, 1).clamp(2.min(round_steps), round_steps);
+        let round = detail.steps(FRAC_PI_4 * radius, coarse);
         let bend = |i: usize| {
             if i == round { radius } else { radius * (FRAC_PI_4 * i as f64 / round as f64).tan() }
         };

@@ -8,26 +8,39 @@ use crate::*;
 
 const DETAIL: Detail = Detail { per_metre: 20.0, only_count: false };
 
-/// Normals are of unit length and on the side that the triangles face; no triangle is degenerate.
-fn assert_sound(surface: &Surface, what: &str) {
-    assert_eq!(surface.positions.len(), surface.normals.len());
-    assert!(surface.uvs.is_empty() || surface.uvs.len() == surface.positions.len());
-    assert_eq!(surface.count, surface.triangles.len(), "{what}");
-    assert!(!surface.triangles.is_empty(), "{what}");
-    assert!(surface.positions.iter().all(|p| p.is_finite()), "{what}");
-    for n in &surface.normals {
-        assert!((n.length() - 1.0).abs() < 1e-5, "{what}: {n}");
+/// What is wrong with a surface: normals are of unit length and on the side that the triangles face, and no triangle
+/// is degenerate.
+fn fault(surface: &Surface) -> Option<String> {
+    let uvs = surface.uvs.len();
+    if surface.positions.len() != surface.normals.len() || (uvs != 0 && uvs != surface.positions.len()) {
+        return Some("lengths differ".into());
     }
+    if surface.triangles.is_empty() || surface.count != surface.triangles.len() {
+        return Some(format!("{} triangles, counted {}", surface.triangles.len(), surface.count));
+    }
+    let unit = |n: &Vec3| (n.length() - 1.0).abs() < 1e-5;
+    if !surface.positions.iter().all(|p| p.is_finite()) || !surface.normals.iter().all(unit) {
+        return Some("not finite or no unit normal".into());
+    }
+    let mut bad = (0, String::new());
     for t in &surface.triangles {
         let [a, b, c] = t.map(|v| surface.positions[v as usize].as_dvec3());
         let n = (b - a).cross(c - a);
-        assert!(n.length() > 0.0, "{what}: {t:?} {a} {b} {c}");
+        if n.length() == 0.0 {
+            return Some(format!("degenerate triangle {a} {b} {c}"));
+        }
         let n = n.normalize().as_vec3();
-        for v in t {
-            let agrees = surface.normals[*v as usize].dot(n);
-            assert!(agrees > 0.05, "{what}: {agrees} at {} in {a} {b} {c}", surface.positions[*v as usize]);
+        let least = t.map(|v| surface.normals[v as usize].dot(n)).into_iter().fold(1.0, f32::min);
+        if least < 0.05 {
+            bad.0 += 1;
+            bad.1 = format!("{least} in {a:.3} {b:.3} {c:.3}");
         }
     }
+    (bad.0 > 0).then(|| format!("{} of {} face away: {}", bad.0, surface.count, bad.1))
+}
+
+fn assert_sound(surface: &Surface, what: &str) {
+    assert_eq!(fault(surface), None, "{what}");
 }
 
 /// Each edge has a triangle on either side, by position.
@@ -53,11 +66,21 @@ fn volume(surface: &Surface) -> f64 {
 }
 
 fn assert_scene_is_sound(scene: &Assembly) {
-    for mesh in &scene.meshes {
-        for (surface, _) in &mesh.primitives {
-            assert_sound(surface, &mesh.name);
-        }
-    }
+    let of = |m: &model::Mesh| {
+        m.primitives.iter().filter_map(|(s, _)| fault(s)).map(|f| format!("{}: {f}", m.name)).next()
+    };
+    let faults: Vec<String> = scene.meshes.iter().filter_map(of).collect();
+    assert!(faults.is_empty(), "{faults:#?}");
+}
+
+/// Every mesh but those named is closed and has its outside out.
+fn assert_parts_are_solid(scene: &Assembly, open: &[&str]) {
+    let is_bad = |m: &&model::Mesh| {
+        let surface = &m.primitives[0].0;
+        !open.contains(&m.name.as_str()) && (!is_closed(surface) || volume(surface) <= 0.0)
+    };
+    let bad: Vec<&String> = scene.meshes.iter().filter(is_bad).map(|m| &m.name).collect();
+    assert!(bad.is_empty(), "{bad:?}");
 }
 
 #[test]
@@ -148,4 +171,28 @@ fn scene_unknown_name_and_size_are_errors() {
     assert!(matches!(scene("teapot", None), Err(PropsError::Unknown { .. })));
     assert!(matches!(scene("l_shape", Some(0)), Err(PropsError::Size { size: 0, .. })));
     assert!(matches!(scene("column", Some(7)), Err(PropsError::Size { .. })));
+}
+
+#[test]
+fn seat_is_sound_and_has_the_size_asked_for() {
+    for size in [40_000, 160_000] {
+        let scene = seat::seat(size);
+        assert_scene_is_sound(&scene);
+        let count = scene.triangle_count();
+        assert!(count.abs_diff(size) * 25 < size, "{count}");
+        assert_parts_are_solid(&scene, &[]);
+    }
+}
+
+#[test]
+fn car_is_sound_and_has_the_size_asked_for() {
+    for size in [100_000, 400_000, 1_000_000] {
+        let scene = car::car(size);
+        assert_scene_is_sound(&scene);
+        let count = scene.triangle_count();
+        assert!(count.abs_diff(size) * 25 < size, "{count}");
+        let drawn = scene.nodes.iter().filter(|n| n.mesh.is_some()).count();
+        assert!(drawn > 250, "{drawn}");
+        assert_parts_are_solid(&scene, &["headliner"]);
+    }
 }
