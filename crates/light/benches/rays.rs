@@ -1,6 +1,6 @@
 //! Rays a second of our walk beside obvhs's own, on the same rays, in one run.
 //!
-//! `cargo bench -p lightkiln-light --bench rays -- [scene.bin] [max distance] [portable]`: a scene in the form
+//! `cargo bench -p lightkiln-light --bench rays -- [scene.bin] [max distance] [portable] [quick]`: a scene in the form
 //! of little-endian words (vertices, triangles, rays, rays a point; positions; triangles; origin and direction
 //! of each ray), or without a path a procedural field of spheres in a box.
 #![allow(clippy::print_stdout)]
@@ -143,6 +143,7 @@ fn main() {
     let ordered: Vec<RtTriangle> =
         theirs.primitive_indices.iter().map(|&i| RtTriangle::from(&triangles[i as usize])).collect();
 
+    let quick = arguments.iter().any(|a| a == "quick");
     let by_point = || rays.chunks(*per_point);
     for _ in 0..2 {
         rate("obvhs CWBVH", rays.len(), || {
@@ -153,12 +154,12 @@ fn main() {
                 })
                 .count()
         });
-        rate("ours, bundles of 16", rays.len(), || {
-            let mut directions = [Vec3::ZERO; 16];
-            let mut through = [0.0; 16];
-            let mut hits = 0;
-            for point in by_point() {
-                for group in point.chunks(16) {
+        for size in [16, 32] {
+            rate(&format!("ours, bundles of {size}"), rays.len(), || {
+                let mut directions = [Vec3::ZERO; 32];
+                let mut through = [0.0; 32];
+                let mut hits = 0;
+                for group in by_point().flat_map(|point| point.chunks(size)) {
                     for (slot, (_, d)) in directions.iter_mut().zip(group) {
                         *slot = *d;
                     }
@@ -167,9 +168,12 @@ fn main() {
                     tracer.transmittances(origin, &directions[..group.len()], limit, through);
                     hits += through.iter().filter(|&&t| t == 0.0).count();
                 }
-            }
-            hits
-        });
+                hits
+            });
+        }
+        if quick {
+            continue;
+        }
         rate("ours, one by one", rays.len(), || {
             let mut through = [0.0];
             rays.iter()
@@ -179,6 +183,9 @@ fn main() {
                 })
                 .count()
         });
+    }
+    if quick {
+        return;
     }
     rate("ours, first hits of 16", rays.len(), || {
         let mut directions = [Vec3::ZERO; 16];

@@ -11,10 +11,10 @@
 //! Boxes are widened as Ize 2013, "Robust BVH Ray Traversal", §3 does, so that no box is missed.
 
 use crate::lanes::{Kernel, Lanes, WIDTH};
-use crate::tree::{Block, LEAF, NONE, Tree};
+use crate::tree::{Block, LEAF, NONE, Node, Tree};
 
 /// Most rays in a bundle.
-pub(crate) const BUNDLE: usize = 16;
+pub(crate) const BUNDLE: usize = 32;
 
 /// Rounding of three products and two sums, on both sides of the comparison (Ize 2013, eq. 4).
 const WIDEN: f32 = 1.000_000_5;
@@ -68,10 +68,12 @@ pub(crate) struct Walk<'a, V> {
     pub visitor: &'a mut V,
 }
 
+/// Reciprocal direction, and which row of a node's bounds the ray enters and leaves by on each axis.
+#[derive(Clone, Copy, Default)]
 struct PreparedRay {
     inverse: [f32; 3],
-    near: [usize; 3],
-    far: [usize; 3],
+    near: [u8; 3],
+    far: [u8; 3],
 }
 
 impl<V: Visitor> Kernel for Walk<'_, V> {
@@ -83,7 +85,10 @@ impl<V: Visitor> Kernel for Walk<'_, V> {
         if tree.root == NONE || bundle.count == 0 {
             return;
         }
-        let rays: [PreparedRay; BUNDLE] = std::array::from_fn(|r| prepare(bundle.directions[r]));
+        let mut rays = [PreparedRay::default(); BUNDLE];
+        for (ray, &direction) in rays.iter_mut().zip(&bundle.directions[..bundle.count]) {
+            *ray = prepare(direction);
+        }
         let origin = bundle.origin.map(L::splat);
         let mut alive = (0..bundle.count).fold(0_u32, |m, r| m | (u32::from(bundle.limits[r] > 0.0) << r));
         let mut stack = Stack::new();
@@ -98,28 +103,34 @@ impl<V: Visitor> Kernel for Walk<'_, V> {
                 alive &= !meet_block(block, origin, bundle, mask, visitor);
             } else {
                 let node = &tree.nodes[code as usize];
-                let rows: [L; 6] = std::array::from_fn(|r| L::load(&node.bounds[r]).sub(origin[r % 3]));
-                let mut hits = [0_u8; BUNDLE];
+                // Eight rows, so that an index of three bits needs no check.
+                let rows: [L; 8] = std::array::from_fn(|r| L::load(&node.bounds[r % 6]).sub(origin[r % 3]));
+                let mut reached = [0_u64; BUNDLE / 8];
                 let mut any = 0;
-                let mut rest = mask;
-                while rest != 0 {
-                    let r = rest.trailing_zeros() as usize;
-                    rest &= rest - 1;
-                    let ray = &rays[r];
-                    let inverse = ray.inverse.map(L::splat);
-                    let enter = rows[ray.near[0]]
-                        .mul(inverse[0])
-                        .max(rows[ray.near[1]].mul(inverse[1]))
-                        .max(rows[ray.near[2]].mul(inverse[2]).max(L::splat(0.0)));
-                    let leave = rows[ray.far[0]]
-                        .mul(inverse[0])
-                        .min(rows[ray.far[1]].mul(inverse[1]))
-                        .min(rows[ray.far[2]].mul(inverse[2]).min(L::splat(bundle.limits[r])));
-                    let hit = enter.le(leave.mul(L::splat(WIDEN)));
-                    hits[r] = hit as u8;
-                    any |= hit;
+                for (group, reached) in reached.iter_mut().enumerate() {
+                    let mut rest = mask >> (8 * group) & 0xff;
+                    while rest != 0 {
+                        let lane = rest.trailing_zeros() as usize & 7;
+                        rest &= rest - 1;
+                        let r = 8 * group + lane;
+                        let ray = &rays[r];
+                        let inverse = ray.inverse.map(L::splat);
+                        let near = ray.near.map(|row| rows[row as usize & 7]);
+                        let far = ray.far.map(|row| rows[row as usize & 7]);
+                        let enter = near[0]
+                            .mul(inverse[0])
+                            .max(near[1].mul(inverse[1]))
+                            .max(near[2].mul(inverse[2]).max(L::splat(0.0)));
+                        let leave = far[0]
+                            .mul(inverse[0])
+                            .min(far[1].mul(inverse[1]))
+                            .min(far[2].mul(inverse[2]).min(L::splat(bundle.limits[r])));
+                        let hit = enter.le(leave.mul(L::splat(WIDEN)));
+                        *reached |= SPREAD[hit as usize & 0xff] << lane;
+                        any |= hit;
+                    }
                 }
-                push_children::<L>(node, &rows, &hits, any, &mut stack);
+                push_children::<L>(node, &rows, &reached, any, &mut stack);
             }
         }
     }
@@ -128,64 +139,73 @@ impl<V: Visitor> Kernel for Walk<'_, V> {
 #[inline(always)]
 fn prepare(direction: [f32; 3]) -> PreparedRay {
     let inverse = direction.map(|d| 1.0 / if d.abs() < SMALLEST { SMALLEST.copysign(d) } else { d });
-    let near = std::array::from_fn(|axis| if inverse[axis] > 0.0 { axis } else { axis + 3 });
-    let far = std::array::from_fn(|axis| if inverse[axis] > 0.0 { axis + 3 } else { axis });
+    let near = std::array::from_fn(|axis| if inverse[axis] > 0.0 { axis as u8 } else { axis as u8 + 3 });
+    let far = std::array::from_fn(|axis| if inverse[axis] > 0.0 { axis as u8 + 3 } else { axis as u8 });
     PreparedRay { inverse, near, far }
 }
 
+/// Bit `k` of the index at bit 0 of byte `k`: one ray's hits, ready to be shifted to the ray's place.
+static SPREAD: [u64; 256] = {
+    let mut table = [0; 256];
+    let mut bits = 0;
+    while bits < 256 {
+        let mut k = 0;
+        while k < 8 {
+            table[bits] |= (bits as u64 >> k & 1) << (8 * k);
+            k += 1;
+        }
+        bits += 1;
+    }
+    table
+};
+
 /// Pushes the children that some ray meets, the farthest first.
+///
+/// - `reached[g]`: byte `k` has a bit for each ray of group `g` that meets child `k`
 #[inline(always)]
 fn push_children<L: Lanes>(
-    node: &crate::tree::Node,
-    rows: &[L; 6],
-    hits: &[u8; BUNDLE],
+    node: &Node,
+    rows: &[L; 8],
+    reached: &[u64; BUNDLE / 8],
     any: u32,
     stack: &mut Stack,
 ) {
     if any == 0 {
         return;
     }
-    let words = [
-        u64::from_le_bytes(std::array::from_fn(|i| hits[i])),
-        u64::from_le_bytes(std::array::from_fn(|i| hits[i + 8])),
-    ];
+    let mut push = |child: u32| {
+        let child = child & 7;
+        let rays = reached.iter().rev().fold(0, |mask, &r| mask << 8 | (r >> (8 * child) & 0xff) as u32);
+        stack.push(node.children[child as usize], rays);
+    };
     if any & (any - 1) == 0 {
-        let child = any.trailing_zeros();
-        stack.push(node.children[child as usize], column(words, child));
+        push(any.trailing_zeros());
         return;
     }
     let zero = L::splat(0.0);
     let outside = |axis: usize| rows[axis].max(rows[axis + 3].neg()).max(zero);
     let (x, y, z) = (outside(0), outside(1), outside(2));
     let distances = x.mul(x).add(y.mul(y)).add(z.mul(z)).store();
+    // Insertion, the farthest first. Bits of positive floats order as the floats do; the lowest three, which
+    // say nothing here, name the child.
     let mut order = [0_u32; WIDTH];
     let mut len = 0;
     let mut rest = any;
     while rest != 0 {
-        let child = rest.trailing_zeros();
+        let child = rest.trailing_zeros() & 7;
         rest &= rest - 1;
-        // Insertion, the farthest first.
-        let mut at = len;
-        while at > 0 && distances[order[at - 1] as usize] < distances[child as usize] {
+        let key = distances[child as usize].to_bits() & !7 | child;
+        let mut at = len & 7;
+        while at > 0 && order[at - 1] < key {
             order[at] = order[at - 1];
             at -= 1;
         }
-        order[at] = child;
+        order[at] = key;
         len += 1;
     }
-    for &child in &order[..len] {
-        stack.push(node.children[child as usize], column(words, child));
+    for &key in &order[..len.min(WIDTH)] {
+        push(key);
     }
-}
-
-/// Bit `child` of each ray's byte, gathered to a bit a ray.
-#[inline(always)]
-fn column(words: [u64; 2], child: u32) -> u32 {
-    let gather = |word: u64| {
-        let bits = (word >> child) & 0x0101_0101_0101_0101;
-        (bits.wrapping_mul(0x0102_0408_1020_4080) >> 56) as u32
-    };
-    gather(words[0]) | (gather(words[1]) << 8)
 }
 
 /// Tests rays against a block; returns the rays that are decided.
@@ -210,7 +230,7 @@ fn meet_block<L: Lanes, V: Visitor>(
     let mut decided = 0;
     let mut rest = mask;
     while rest != 0 {
-        let r = rest.trailing_zeros() as usize;
+        let r = rest.trailing_zeros() as usize % BUNDLE;
         rest &= rest - 1;
         let direction = bundle.directions[r].map(L::splat);
         let edges = [dot(plane_a, direction), dot(plane_b, direction), dot(plane_c, direction)];
