@@ -191,6 +191,9 @@ fn main() {
             measure("torus 7.5M", &torus(2739, 0.0), &[1], &ours);
             measure("slivers 7.5M", &torus(2739, 0.1), &[1], &ours);
         }
+        "printed" => {
+            measure("slivers 1M printed", &torus(1000, 0.1), &[1], &printed);
+        }
         "large" => {
             measure("torus 1M", &torus(1000, 0.0), &[1, 3, 36], &ours);
             measure("slivers 1M", &torus(1000, 0.1), &[1], &ours);

@@ -10,6 +10,8 @@
 //! | `pcg` | conjugate gradients with measured convergence | |
 //! | `optimum` | the quadratic program under bounds | Kavan 3.3 |
 //! | [`energy`](mod@energy) | error, noise, contrast, gradient jumps | Kavan eq. 1, table 1 |
+//! | `chebyshev` | many channels at once | |
+//! | `schwarz` | overlapping blocks as a preconditioner | |
 //! | [`simple`] | averages and point samples | Kavan eq. 8 |
 //!
 //! The default never fails: its matrix is assembled from the observations, so that constant and linear
@@ -18,12 +20,14 @@
 //! Deviation: the paper takes `A` as positive definite. With observed masses it is singular wherever a vertex
 //! sees no sample, and with analytic masses and a sampled right-hand side it does not reproduce a constant.
 
+mod chebyshev;
 mod elements;
 pub mod energy;
 pub mod observations;
 mod optimum;
 pub mod options;
 mod pcg;
+mod schwarz;
 pub mod simple;
 mod solve;
 pub mod system;

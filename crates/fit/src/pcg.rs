@@ -3,16 +3,17 @@
 //! Mass matrices of linear triangles have a condition, after division by the diagonal, that no triangle shape
 //! can spoil (Wathen 1987), and our edge term is bounded by the mass around it: some 20 to 50 iterations then
 //! suffice for meshes of any size. The Lanczos coefficients that conjugate gradients compute anyway bound the
-//! smallest eigenvalue, hence the error: iteration stops when `max |D⁻¹ r| ≤ TOLERANCE λ_min max |x|`.
+//! smallest eigenvalue, hence the error: iteration stops when `max |M⁻¹ r| ≤ TOLERANCE λ_min max |x|`.
 //!
 //! Sums are taken over chunks of fixed size in a fixed order, so that any number of threads gives the same bytes.
 
 use rayon::prelude::*;
 
+use crate::chebyshev::Spectrum;
 use crate::system::{Rows, Sheet};
 
 /// Relative error, in the largest value, at which a solution is taken.
-const TOLERANCE: f64 = 2e-7;
+pub(crate) const TOLERANCE: f64 = 5e-7;
 /// Unknowns summed at a time.
 const CHUNK: usize = 2048;
 
@@ -22,6 +23,8 @@ pub(crate) enum Outcome {
     Converged {
         /// Iterations.
         iterations: usize,
+        /// Of the preconditioned matrix.
+        spectrum: Spectrum,
     },
     /// Not within the iterations allowed, or not on the way there.
     Stalled {
@@ -89,7 +92,7 @@ fn run<const W: usize>(
     let mut lanczos: Vec<(Sums<W>, Sums<W>)> = Vec::new();
     let mut history: Vec<f64> = Vec::new();
     for iteration in 0..=limit {
-        // z = M⁻¹ r and r·z; the largest step that the diagonal alone would take measures what is left.
+        // z = M⁻¹ r and r·z; the largest entry of z measures what is left.
         let parts: Vec<(Sums<W>, Sums<W>, Sums<W>)> = match blocks {
             None => r
                 .par_chunks(CHUNK)
@@ -111,14 +114,13 @@ fn run<const W: usize>(
                 blocks.apply(r.as_flattened(), z.as_flattened_mut(), W);
                 r.par_chunks(CHUNK)
                     .zip(x.par_chunks(CHUNK))
-                    .zip(inverse_diagonal.par_chunks(CHUNK))
                     .zip(z.par_chunks(CHUNK))
-                    .map(|(((r, x), d), z)| {
+                    .map(|((r, x), z)| {
                         let (mut dot, mut step, mut size) = ([0.0; W], [0.0_f64; W], [0.0_f64; W]);
-                        for (((r, x), d), z) in r.iter().zip(x).zip(d).zip(z) {
+                        for ((r, x), z) in r.iter().zip(x).zip(z) {
                             for k in 0..W {
                                 dot[k] += r[k] * z[k];
-                                step[k] = step[k].max((r[k] * d).abs());
+                                step[k] = step[k].max(z[k].abs());
                                 size[k] = size[k].max(x[k].abs());
                             }
                         }
@@ -139,12 +141,15 @@ fn run<const W: usize>(
             return Outcome::Stalled { iterations: iteration };
         }
         let near = |k: usize, least: f64| step[k] <= TOLERANCE * least * size[k] || step[k] == 0.0;
-        let done = (0..W).all(|k| near(k, 1.0)) && {
-            (0..W).all(|k| near(k, smallest_eigenvalue(lanczos.iter().map(|l| (l.0[k], l.1[k]))).min(1.0)))
-        };
-        if done {
-            rhs.copy_from_slice(&x);
-            return Outcome::Converged { iterations: iteration };
+        if (0..W).all(|k| near(k, 1.0)) {
+            let spectra: [Spectrum; W] =
+                std::array::from_fn(|k| extremes(lanczos.iter().map(|l| (l.0[k], l.1[k]))));
+            if (0..W).all(|k| near(k, spectra[k].least.min(1.0))) {
+                rhs.copy_from_slice(&x);
+                let least = spectra.iter().fold(f64::INFINITY, |m, s| m.min(s.least));
+                let most = spectra.iter().fold(0.0, |m: f64, s| m.max(s.most));
+                return Outcome::Converged { iterations: iteration, spectrum: Spectrum { least, most } };
+            }
         }
         // Give up early where the rate so far does not lead there.
         history.push((0..W).map(|k| if size[k] > 0.0 { step[k] / size[k] } else { 0.0 }).fold(0.0, f64::max));
@@ -227,9 +232,9 @@ fn run<const W: usize>(
     Outcome::Stalled { iterations: limit }
 }
 
-/// The smallest eigenvalue of the Lanczos matrix of conjugate gradients with steps `(alpha, beta)`, by
-/// bisection on the number of negative pivots.
-fn smallest_eigenvalue(steps: impl Iterator<Item = (f64, f64)>) -> f64 {
+/// The smallest and largest eigenvalue of the Lanczos matrix of conjugate gradients with steps `(alpha, beta)`,
+/// by bisection on the signs of pivots.
+fn extremes(steps: impl Iterator<Item = (f64, f64)>) -> Spectrum {
     let mut diagonal: Vec<f64> = Vec::new();
     let mut off2: Vec<f64> = Vec::new();
     let mut last = 0.0;
@@ -246,18 +251,28 @@ fn smallest_eigenvalue(steps: impl Iterator<Item = (f64, f64)>) -> f64 {
         }
         last = alpha;
     }
-    let (mut low, mut high) = (0.0, diagonal.iter().copied().fold(f64::INFINITY, f64::min));
-    if !high.is_finite() {
-        return 1.0;
+    if diagonal.is_empty() {
+        return Spectrum { least: 1.0, most: 1.0 };
     }
+    let pivots = |shift: f64, wanted: fn(f64) -> bool| {
+        let mut pivot = 1.0;
+        diagonal.iter().zip(&off2).all(|(&d, &o)| {
+            pivot = d - shift - o / pivot;
+            wanted(pivot)
+        })
+    };
+    let (mut low, mut high) = (0.0, diagonal.iter().copied().fold(f64::INFINITY, f64::min));
     for _ in 0..24 {
         let middle = 0.5 * (low + high);
-        let mut pivot = 1.0;
-        let below = diagonal.iter().zip(&off2).any(|(&d, &o)| {
-            pivot = d - middle - o / pivot;
-            pivot <= 0.0
-        });
-        if below { high = middle } else { low = middle }
+        if pivots(middle, |p| p > 0.0) { low = middle } else { high = middle }
     }
-    high.max(1e-12)
+    let least = high.max(1e-12);
+    let reach = |i: usize| off2[i].sqrt() + off2.get(i + 1).map_or(0.0, |o| o.sqrt());
+    low = diagonal.iter().copied().fold(0.0, f64::max);
+    high = (0..diagonal.len()).map(|i| diagonal[i] + reach(i)).fold(low, f64::max);
+    for _ in 0..24 {
+        let middle = 0.5 * (low + high);
+        if pivots(middle, |p| p < 0.0) { high = middle } else { low = middle }
+    }
+    Spectrum { least, most: high }
 }

@@ -12,8 +12,11 @@ use faer::sparse::linalg::cholesky::{
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
+use glam::Vec3;
 
+use crate::chebyshev::Chebyshev;
 use crate::pcg;
+use crate::schwarz::Schwarz;
 use crate::system::{Rows, Sheet};
 use crate::{FitError, FitOptions, FitReport, Solver};
 
@@ -23,6 +26,10 @@ const DENSE: usize = 48;
 const ITERATIVE: usize = 4096;
 /// Iterations that conjugate gradients are given.
 const ITERATIONS: usize = 300;
+/// Iterations that they are given with overlapping blocks.
+const PATIENCE: usize = 2000;
+/// Sheets up to this many unknowns fall back to one factor, larger ones to overlapping blocks.
+const FACTORED: usize = 150_000;
 /// Pivots of the scaled matrix below this are rounding and raised to it.
 const LEAST_PIVOT: f64 = 1e-15;
 
@@ -33,34 +40,60 @@ pub(crate) enum SheetSolver {
     Dense(Dense),
     Sparse(Box<Sparse>),
     /// Conjugate gradients, and the factor that takes over where they do not converge.
-    Iterative(OnceLock<Box<Sparse>>),
+    Iterative(Iterative),
+}
+
+/// What a sheet solved by conjugate gradients has learnt.
+#[derive(Default)]
+pub(crate) struct Iterative {
+    /// Where they do not converge.
+    fallback: OnceLock<Fallback>,
+    /// Where they did, for the channels to come.
+    chebyshev: OnceLock<Chebyshev>,
+}
+
+/// What takes over where the diagonal does not precondition well enough.
+enum Fallback {
+    Factor(Box<Sparse>),
+    Blocks(Schwarz),
+}
+
+/// What a solver may look up beside the matrix.
+pub(crate) struct Context<'a> {
+    pub rows: &'a Rows,
+    pub options: &'a FitOptions,
+    /// Where an unknown lies.
+    pub places: &'a (dyn Fn(usize) -> Vec3 + Sync),
 }
 
 impl SheetSolver {
     /// Factors a sheet; `before`, its solver for another alpha, gives the symbolic factor.
-    pub fn new(rows: &Rows, sheet: &Sheet, options: &FitOptions, before: Self) -> Result<Self, FitError> {
+    pub fn new(context: &Context<'_>, sheet: &Sheet, before: Self) -> Result<Self, FitError> {
         let symbolic = match before {
             Self::Sparse(sparse) => Some(sparse.symbolic),
-            Self::Iterative(fallback) => fallback.into_inner().map(|sparse| sparse.symbolic),
-            Self::Empty | Self::Dense(_) => None,
+            _ => None,
         };
-        let iterative = match options.solver {
+        let iterative = match context.options.solver {
             Solver::Auto => ITERATIVE,
             Solver::Direct => usize::MAX,
             Solver::Iterative => DENSE,
         };
+        let rows = context.rows;
         Ok(match sheet.unknowns().len() {
             0 => Self::Empty,
             n if n <= DENSE => Self::Dense(Dense::new(rows, sheet)),
-            n if n > iterative => Self::Iterative(OnceLock::new()),
-            _ => Self::Sparse(Box::new(Sparse::new(rows, sheet, symbolic)?)),
+            n if n > iterative => Self::Iterative(Iterative::default()),
+            _ => match Sparse::new(rows, sheet, symbolic, context.limit())? {
+                Some(sparse) => Self::Sparse(Box::new(sparse)),
+                None => Self::Iterative(Iterative::default()),
+            },
         })
     }
 
     /// Solves in place: `part` holds `width` values per unknown. Returns the iterations taken.
     pub fn solve(
         &self,
-        rows: &Rows,
+        context: &Context<'_>,
         sheet: &Sheet,
         part: &mut [f64],
         width: usize,
@@ -69,20 +102,7 @@ impl SheetSolver {
             Self::Empty => {}
             Self::Dense(dense) => dense.solve(part, width),
             Self::Sparse(sparse) => sparse.solve(part, width),
-            Self::Iterative(fallback) => {
-                if let Some(sparse) = fallback.get() {
-                    sparse.solve(part, width);
-                    return Ok(0);
-                }
-                match pcg::solve(rows, sheet, None, part, width, ITERATIONS) {
-                    pcg::Outcome::Converged { iterations } => return Ok(iterations),
-                    pcg::Outcome::Stalled { iterations } => {
-                        let sparse = Box::new(Sparse::new(rows, sheet, None)?);
-                        fallback.get_or_init(|| sparse).solve(part, width);
-                        return Ok(iterations);
-                    }
-                }
-            }
+            Self::Iterative(iterative) => return iterative.solve(context, sheet, part, width),
         }
         Ok(0)
     }
@@ -95,14 +115,80 @@ impl SheetSolver {
                 report.factored_sheets += 1;
                 report.factor_entries += sparse.values.len();
             }
-            Self::Iterative(fallback) => match fallback.get() {
+            Self::Iterative(iterative) => match iterative.fallback.get() {
                 None => report.iterative_sheets += 1,
-                Some(sparse) => {
+                Some(fallback) => {
                     report.iterative_fallbacks += 1;
-                    report.factor_entries += sparse.values.len();
+                    report.factor_entries += match fallback {
+                        Fallback::Factor(sparse) => sparse.entries(),
+                        Fallback::Blocks(blocks) => blocks.entries(),
+                    };
                 }
             },
         }
+    }
+}
+
+impl Context<'_> {
+    /// Bytes that one factor may take.
+    fn limit(&self) -> usize {
+        self.options.memory_limit.unwrap_or(usize::MAX)
+    }
+}
+
+impl Iterative {
+    fn solve(
+        &self,
+        context: &Context<'_>,
+        sheet: &Sheet,
+        part: &mut [f64],
+        width: usize,
+    ) -> Result<usize, FitError> {
+        let rows = context.rows;
+        let mut iterations = 0;
+        if self.fallback.get().is_none() {
+            let shortcut = self.chebyshev.get();
+            if let Some(steps) = shortcut.and_then(|c| c.solve(rows, sheet, part, width)) {
+                return Ok(steps);
+            }
+            match pcg::solve(rows, sheet, None, part, width, ITERATIONS) {
+                pcg::Outcome::Converged { iterations, spectrum } => {
+                    self.chebyshev.get_or_init(|| Chebyshev::new(spectrum));
+                    return Ok(iterations);
+                }
+                pcg::Outcome::Stalled { iterations: taken } => iterations = taken,
+            }
+            let factor = if sheet.unknowns().len() <= FACTORED {
+                Sparse::new(rows, sheet, None, context.limit())?
+            } else {
+                None
+            };
+            let fallback = match factor {
+                Some(factor) => Fallback::Factor(Box::new(factor)),
+                None => Fallback::Blocks(Schwarz::new(rows, sheet, context.places)?),
+            };
+            self.fallback.get_or_init(|| fallback);
+        }
+        match self.fallback.get() {
+            Some(Fallback::Factor(factor)) => factor.solve(part, width),
+            Some(Fallback::Blocks(blocks)) => {
+                match pcg::solve(rows, sheet, Some(blocks), part, width, PATIENCE) {
+                    pcg::Outcome::Converged { iterations: taken, .. } => iterations = iterations.max(taken),
+                    // The last resort has no limit: an unconverged answer is none.
+                    pcg::Outcome::Stalled { .. } => match Sparse::new(rows, sheet, None, usize::MAX)? {
+                        Some(factor) => factor.solve(part, width),
+                        None => {
+                            return Err(FitError::Unsolved {
+                                unknowns: sheet.unknowns().len(),
+                                reason: "no solver converged".into(),
+                            });
+                        }
+                    },
+                }
+            }
+            None => {}
+        }
+        Ok(iterations)
     }
 }
 
@@ -165,21 +251,54 @@ pub(crate) struct Sparse {
 }
 
 impl Sparse {
-    fn new(rows: &Rows, sheet: &Sheet, symbolic: Option<SymbolicCholesky<u32>>) -> Result<Self, FitError> {
+    /// The factor of a whole sheet; `symbolic` is its structure, where another alpha has left it, and `limit` the
+    /// bytes that it may take.
+    fn new(
+        rows: &Rows,
+        sheet: &Sheet,
+        symbolic: Option<SymbolicCholesky<u32>>,
+        limit: usize,
+    ) -> Result<Option<Self>, FitError> {
         let unknowns = sheet.unknowns();
-        let (first, n) = (unknowns.start, unknowns.len());
+        let first = unknowns.start;
+        Self::of(rows, first, unknowns.len(), &|r| r as u32, &|c| Some(c), symbolic, limit)
+    }
+
+    /// The factor of the rows and columns of `members`, ascending, counted from `first`.
+    pub fn of_subset(rows: &Rows, first: usize, members: &[u32]) -> Result<Self, FitError> {
+        let local = |c: u32| members.binary_search(&c).ok().map(|c| c as u32);
+        let found = Self::of(rows, first, members.len(), &|r| members[r], &local, None, usize::MAX)?;
+        found.ok_or(FitError::Unsolved { unknowns: members.len(), reason: "no room for a block".into() })
+    }
+
+    pub fn entries(&self) -> usize {
+        self.values.len()
+    }
+
+    /// `None`: the factor would not fit the limit.
+    fn of(
+        rows: &Rows,
+        first: usize,
+        n: usize,
+        member: &dyn Fn(usize) -> u32,
+        local: &dyn Fn(u32) -> Option<u32>,
+        symbolic: Option<SymbolicCholesky<u32>>,
+        limit: usize,
+    ) -> Result<Option<Self>, FitError> {
         let unsolved = |reason: String| FitError::Unsolved { unknowns: n, reason };
-        let scale: Vec<f64> = unknowns.clone().map(|u| 1.0 / rows.diagonal(u).sqrt()).collect();
+        let global = |r: usize| first + member(r) as usize;
+        let scale: Vec<f64> = (0..n).map(|r| 1.0 / rows.diagonal(global(r)).sqrt()).collect();
         // Row by row up to the diagonal is column by column down to it: the upper half.
         let mut starts = Vec::with_capacity(n + 1);
         starts.push(0_u32);
         let (mut indices, mut entries) = (Vec::new(), Vec::new());
-        for (r, unknown) in unknowns.enumerate() {
-            let (columns, row) = rows.row(unknown);
-            for (&column, &entry) in columns.iter().zip(row).take_while(|e| *e.0 as usize <= unknown) {
-                let c = column as usize - first;
-                indices.push(c as u32);
-                entries.push(entry * scale[r] * scale[c]);
+        for r in 0..n {
+            let (columns, row) = rows.row(global(r));
+            for (&column, &entry) in columns.iter().zip(row).take_while(|e| *e.0 as usize <= global(r)) {
+                // Blocks begin within a sheet, and a row may reach before them.
+                let Some(c) = column.checked_sub(first as u32).and_then(local) else { continue };
+                indices.push(c);
+                entries.push(entry * scale[r] * scale[c as usize]);
             }
             starts.push(indices.len() as u32);
         }
@@ -194,6 +313,9 @@ impl Sparse {
             )
             .map_err(|error| unsolved(format!("{error:?}")))?,
         };
+        if symbolic.len_val().saturating_mul(8) > limit {
+            return Ok(None);
+        }
         let mut values = vec![0.0; symbolic.len_val()];
         let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
         let mut memory = MemBuffer::try_new(scratch).map_err(|_| unsolved("out of memory".into()))?;
@@ -212,10 +334,10 @@ impl Sparse {
                 Default::default(),
             )
             .map_err(|error| unsolved(format!("{error:?}")))?;
-        Ok(Self { scale, symbolic, values })
+        Ok(Some(Self { scale, symbolic, values }))
     }
 
-    fn solve(&self, part: &mut [f64], width: usize) {
+    pub fn solve(&self, part: &mut [f64], width: usize) {
         let n = self.scale.len();
         let mut columns = vec![0.0; part.len()];
         for (r, scale) in self.scale.iter().enumerate() {

@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use crate::elements::{Element, Flap, gradient};
 use crate::observations::ByTriangle;
 use crate::optimum;
-use crate::solve::SheetSolver;
+use crate::solve::{Context, SheetSolver};
 use crate::{Bounds, Fit, FitError, FitOptions, FitReport, Held, Mass, Method, Observations, Regularizer};
 
 /// Weight of the edge term that is always there: where vertices see enough each but too little together, noise grows
@@ -45,8 +45,11 @@ const AREA_FLOOR: f64 = 1e-3;
 const GUARD_RANGES: f64 = 2.0;
 /// Rows gathered at a time by one thread.
 pub(crate) const CHUNK: usize = 2048;
-/// Channels solved at a time.
-const BLOCK: usize = 8;
+/// Channels solved at a time: first few, which measure the spectrum, then many.
+const FIRST_BLOCK: usize = 4;
+const BLOCK: usize = 16;
+/// Unknowns beyond which memory for many channels at a time is dear.
+const MANY_UNKNOWNS: usize = 3_000_000;
 /// A vertex that is not solved for.
 const NONE: u32 = u32::MAX;
 
@@ -447,14 +450,15 @@ impl<'a> System<'a> {
     /// # Errors
     /// [`FitError::Unsolved`] where no solver works within the memory limit.
     pub fn factor(&mut self) -> Result<(), FitError> {
-        let (rows, options) = (&self.rows, &self.options);
         let mut before = std::mem::take(&mut self.solvers);
         before.resize_with(self.sheets.len(), || SheetSolver::Empty);
+        let places = |unknown: usize| self.mesh.positions[self.vertex_of[unknown] as usize];
+        let context = Context { rows: &self.rows, options: &self.options, places: &places };
         self.solvers = self
             .sheets
             .par_iter()
             .zip(before)
-            .map(|(sheet, before)| SheetSolver::new(rows, sheet, options, before))
+            .map(|(sheet, before)| SheetSolver::new(&context, sheet, before))
             .collect::<Result<_, _>>()?;
         self.stale = false;
         Ok(())
@@ -529,11 +533,15 @@ impl<'a> System<'a> {
                 _ => values.extend(self.neutral.iter().map(|&n| n as f32)),
             }
         }
-        for from in (0..channels).step_by(BLOCK) {
-            let block = from..(from + BLOCK).min(channels);
+        let optimum = matches!(self.options.bounds, Bounds::Optimum { .. });
+        let wide = if self.vertex_of.len() > MANY_UNKNOWNS { FIRST_BLOCK } else { BLOCK };
+        let mut from = 0;
+        while from < channels {
+            let block = from..channels.min(from + if from == 0 { FIRST_BLOCK } else { wide });
+            from = block.end;
             let width = block.len();
-            let rhs = self.right_hand_side(block.clone());
-            let mut solution = rhs.clone();
+            let mut solution = self.right_hand_side(block.clone());
+            let rhs = if optimum { solution.clone() } else { Vec::new() };
             let mut parts = Vec::with_capacity(self.sheets.len());
             let mut rest = solution.as_mut_slice();
             for sheet in &self.sheets {
@@ -541,11 +549,12 @@ impl<'a> System<'a> {
                 parts.push(part);
                 rest = tail;
             }
-            let rows = &self.rows;
+            let places = |unknown: usize| self.mesh.positions[self.vertex_of[unknown] as usize];
+            let context = Context { rows: &self.rows, options: &self.options, places: &places };
             let iterations = parts
                 .into_par_iter()
                 .zip(self.sheets.par_iter().zip(&self.solvers))
-                .map(|(part, (sheet, solver))| solver.solve(rows, sheet, part, width))
+                .map(|(part, (sheet, solver))| solver.solve(&context, sheet, part, width))
                 .collect::<Result<Vec<_>, _>>()?;
             report.iterations = iterations.into_iter().fold(report.iterations, usize::max);
             self.write(&solution, block.clone(), &mut values, &mut report);
@@ -559,6 +568,15 @@ impl<'a> System<'a> {
         for solver in &self.solvers {
             solver.count(&mut report);
         }
+        let widest = channels.min(wide.max(FIRST_BLOCK));
+        // Rows of columns and entries; factors; per unknown and channel the right-hand side and four vectors; fans,
+        // deficits, numbers and the order of observations.
+        report.memory_bytes = report.matrix_entries * 12
+            + report.factor_entries * 8
+            + self.vertex_of.len() * (8 * 5 * widest + 32)
+            + self.mesh.vertex_count() * 16
+            + self.mesh.triangle_count() * 20
+            + self.observed.len() * 4;
         Ok(Fit { values, report })
     }
 

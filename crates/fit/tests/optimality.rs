@@ -334,3 +334,58 @@ fn threads_change_no_byte() {
     assert_eq!(one.report, many.report);
     assert_eq!(one.report.iterative_sheets, 1);
 }
+
+/// A sheet in which every tenth vertex all but touches a neighbour.
+fn slivers(n: u32) -> Mesh {
+    let mut m = sheet(n, 0.6, 9);
+    for v in (0..m.vertex_count() - 1).step_by(10).filter(|v| (v + 1) % n as usize != 0) {
+        let to = m.positions[v + 1];
+        m.positions[v] = to + (m.positions[v] - to) * 1e-3;
+    }
+    m
+}
+
+#[test]
+fn blocks_agree_with_the_factor_where_the_diagonal_stalls() {
+    let m = slivers(90);
+    let (points, weights) = scatter(&m, 3, 4);
+    let values = noisy(&m, &points, 2);
+    let observations = Observations { points: &points, weights: &weights, values: &values, channels: 1 };
+    let run = |solver, memory_limit| {
+        let options =
+            FitOptions { solver, memory_limit, ..options(Method::Ours, Regularizer::EdgePrinted, 1.0) };
+        fit(&m, &adjacency(&m), &observations, None, &options).expect("fits")
+    };
+    let direct = run(Solver::Direct, None);
+    let blocks = run(Solver::Auto, Some(0));
+    assert_eq!(blocks.report.iterative_fallbacks, 1, "{:?}", blocks.report);
+    for (a, b) in direct.values.iter().zip(&blocks.values) {
+        assert!((a - b).abs() < 1e-6, "{a} and {b}");
+    }
+}
+
+#[test]
+fn slivers_do_not_stop_conjugate_gradients_under_our_edge_term() {
+    let m = slivers(90);
+    let (points, weights) = scatter(&m, 3, 4);
+    let values = noisy(&m, &points, 2);
+    let observations = Observations { points: &points, weights: &weights, values: &values, channels: 1 };
+    for alpha in [0.0, 0.1, 1.0] {
+        let run = |solver| {
+            fit(
+                &m,
+                &adjacency(&m),
+                &observations,
+                None,
+                &FitOptions { solver, alpha, ..FitOptions::default() },
+            )
+            .expect("fits")
+        };
+        let (direct, iterative) = (run(Solver::Direct), run(Solver::Iterative));
+        assert_eq!(iterative.report.iterative_sheets, 1);
+        assert!(iterative.report.iterations < 120, "{}", iterative.report.iterations);
+        for (a, b) in direct.values.iter().zip(&iterative.values) {
+            assert!((a - b).abs() < 1e-6, "{a} and {b}");
+        }
+    }
+}
