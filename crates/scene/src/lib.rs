@@ -15,9 +15,11 @@
 //! | `footprint` | bytes of vertices, sizes of images |
 //! | `names` | names of parts, files and kinds of errors |
 //! | `lightmap` | reading light back, undoing a former bake |
-//! | `write`, `split`, `garbage`, `output` | patching, vertices with two codes, dropping what is unused, files |
+//! | `write`, `pools`, `split` | patching the document; vertices with two codes |
+//! | `assemble`, `garbage`, `output` | the buffer, what is dropped from it, and files that appear whole |
 
 mod accessor;
+mod assemble;
 mod container;
 mod document;
 mod draco;
@@ -32,6 +34,7 @@ mod meshopt;
 mod names;
 mod nodes;
 mod output;
+mod pools;
 mod pose;
 mod scene;
 mod split;

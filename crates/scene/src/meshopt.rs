@@ -128,7 +128,7 @@ fn attributes(data: &[u8], count: usize, stride: usize) -> Result<Vec<u8>, &'sta
     } else {
         (tail_bytes[tail - stride..].to_vec(), &[][..])
     };
-    let block_elements = (8192 / stride & !15).min(256);
+    let block_elements = ((8192 / stride) & !15).min(256);
     // A block of version 1 may take a control byte for every four byte planes; version 0 two bits a group.
     let most = if version == 1 { 4 * 256 } else { 64 };
     if (count as u64).saturating_mul(stride as u64) > (blocks.len() as u64 + 1).saturating_mul(most) + 65536 {
@@ -143,9 +143,10 @@ fn attributes(data: &[u8], count: usize, stride: usize) -> Result<Vec<u8>, &'sta
         let groups = elements.div_ceil(16);
         let control = bytes.take(if version == 1 { stride / 4 } else { 0 })?;
         for word in 0..stride / 4 {
+            let modes = control.get(word).copied().unwrap_or(0);
             for (k, plane) in planes.iter_mut().enumerate() {
                 let bits = if version == 1 {
-                    match (control[word] >> (2 * k)) & 3 {
+                    match (modes >> (2 * k)) & 3 {
                         0 => Some([0, 1, 2, 4]),
                         1 => Some([1, 2, 4, 8]),
                         2 => {

@@ -1,4 +1,5 @@
 //! One clear error each, with the place where it is.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests
 
 mod common;
 

@@ -1,4 +1,5 @@
 //! One small file per feature of the format.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests
 
 mod common;
 

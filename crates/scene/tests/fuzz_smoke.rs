@@ -1,4 +1,5 @@
 //! Damaged files give errors, never panics. Deterministic; `LIGHTKILN_FUZZ_ROUNDS` makes it longer.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests
 
 mod common;
 

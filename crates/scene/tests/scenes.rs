@@ -1,4 +1,5 @@
 //! Reading and writing the real files beside the repository; a note is printed where they are absent.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
