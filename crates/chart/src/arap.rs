@@ -125,7 +125,7 @@ fn unfold(patch: &Patch, rest: &Rest) -> (Vec<DVec2>, Vec<DVec2>) {
 }
 
 /// A triangle far from the border.
-fn innermost(patch: &Patch) -> usize {
+pub(crate) fn innermost(patch: &Patch) -> usize {
     let mut seen = vec![false; patch.len()];
     let mut order: Vec<u32> = Vec::with_capacity(patch.len());
     for (at, twins) in patch.twins.chunks_exact(3).enumerate() {

@@ -2,7 +2,12 @@
 //! the border is searched for crossings first; only where there are some are the triangles counted per point
 //! of a fine lattice, which tells a touch (the two sides of a cut that closes again) from an overlap.
 
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
 use glam::DVec2;
+
+use crate::patch::CUT;
 
 /// Whether the closed curve through `points` crosses itself. Touching counts or not, as rounding has it.
 pub(crate) fn crosses_itself(points: &[DVec2]) -> bool {
@@ -68,26 +73,109 @@ const MOST_BITS: f64 = 268e6;
 /// Whether somewhere a 2 x 2 block of lattice points, `spacing` apart, lies in two triangles at once: that is,
 /// whether the map overlaps by more than about `spacing`. Flipped triangles are skipped.
 pub(crate) fn covers_twice(triangles: impl Iterator<Item = [DVec2; 3]> + Clone, spacing: f64) -> bool {
-    let (mut low, mut high, mut area) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0.0);
-    for x in triangles.clone() {
-        area += 0.5 * doubled_area(&x).abs();
-        low = x.iter().fold(low, |a, &b| a.min(b));
-        high = x.iter().fold(high, |a, &b| a.max(b));
+    let Some(lattice) = Lattice::new(triangles.clone(), spacing, MOST_POINTS) else { return false };
+    let mut found = false;
+    lattice.covered_twice(triangles, |_, _| {
+        found = true;
+        false
+    });
+    found
+}
+
+/// Where an overlapping map could be taken apart: grows over the triangles from `start` and leaves out what
+/// would lie over a triangle that is in already. `twins` as in a patch. True: in.
+pub(crate) fn peel(triangles: &[[DVec2; 3]], twins: &[u32], start: usize, spacing: f64) -> Vec<bool> {
+    let mut kept = vec![false; triangles.len()];
+    let Some(lattice) = Lattice::new(triangles.iter().copied(), spacing, MOST_POINTS / 16.0) else {
+        return kept;
+    };
+    // Only points of true overlaps count, not the rims of parts that touch.
+    let mut contested: Vec<(i32, i32)> = Vec::new();
+    lattice.covered_twice(triangles.iter().copied(), |row, column| {
+        contested.extend([(row, column), (row, column + 1), (row + 1, column), (row + 1, column + 1)]);
+        true
+    });
+    contested.sort_unstable();
+    contested.dedup();
+    let mut taken = vec![false; contested.len()];
+    let points = |t: usize| {
+        let mut inside = Vec::new();
+        rasterize(lattice.place(&triangles[t]), |row, from, to| {
+            let first = contested.partition_point(|&p| p < (row, from));
+            inside.extend((first..contested.len()).take_while(|&i| contested[i] < (row, to)));
+        });
+        inside
+    };
+    let center = |t: usize| triangles[t].iter().sum::<DVec2>() / 3.0;
+    let mut seen = vec![false; triangles.len()];
+    let mut queue = BinaryHeap::from([Reverse((0_u64, start as u32))]);
+    while let Some(Reverse((far, t))) = queue.pop() {
+        let t = t as usize;
+        if std::mem::replace(&mut seen[t], true) {
+            continue;
+        }
+        let inside = points(t);
+        if inside.iter().any(|&i| taken[i]) {
+            continue;
+        }
+        inside.into_iter().for_each(|i| taken[i] = true);
+        kept[t] = true;
+        for &twin in twins[t * 3..t * 3 + 3].iter().filter(|&&twin| twin != CUT) {
+            let to = twin as usize / 3;
+            if !seen[to] {
+                let far = f64::from_bits(far) + center(t).distance(center(to));
+                queue.push(Reverse((far.to_bits(), to as u32)));
+            }
+        }
     }
-    let spacing = spacing.max((area / MOST_POINTS).sqrt());
-    if !(spacing > 0.0 && spacing.is_finite() && low.is_finite() && high.is_finite()) {
-        return false;
+    kept
+}
+
+/// Points at integer coordinates after scaling and moving.
+struct Lattice {
+    spacing: f64,
+    offset: DVec2,
+    /// Rows and columns that hold everything.
+    extent: DVec2,
+    /// Points that triangles cover, about.
+    covered: f64,
+}
+
+impl Lattice {
+    fn new(triangles: impl Iterator<Item = [DVec2; 3]>, spacing: f64, most: f64) -> Option<Self> {
+        let (mut low, mut high, mut area) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0.0);
+        for x in triangles {
+            area += 0.5 * doubled_area(&x).abs();
+            low = x.iter().fold(low, |a, &b| a.min(b));
+            high = x.iter().fold(high, |a, &b| a.max(b));
+        }
+        let spacing = spacing.max((area / most).sqrt());
+        // Off the grid that charts are snapped to, so that borders do not run along lattice lines.
+        let offset = DVec2::new(0.381_966, 0.276_393) - low / spacing;
+        let extent = (high - low) / spacing + 2.0;
+        let sound = spacing > 0.0 && extent.max_element() < f64::from(i32::MAX) && offset.is_finite();
+        sound.then_some(Self { spacing, offset, extent, covered: area / (spacing * spacing) })
     }
-    // Off the grid that charts are snapped to, so that borders do not run along lattice lines.
-    let offset = DVec2::new(0.381_966, 0.276_393) - low / spacing;
-    let spans = triangles.filter(|x| doubled_area(x) > 0.0).map(move |x| x.map(|p| p / spacing + offset));
-    let extent = (high - low) / spacing + 2.0;
-    let points = extent.x * extent.y;
-    // Long thin charts cover little of their rectangle: there the points themselves are fewer than bits.
-    if points <= MOST_BITS && points <= 256.0 * (area / (spacing * spacing) + 64.0) {
-        Bits::new(extent).covered_twice(spans)
-    } else {
-        points_twice(spans)
+
+    fn place(&self, x: &[DVec2; 3]) -> [DVec2; 3] {
+        x.map(|p| p / self.spacing + self.offset)
+    }
+
+    /// Names the first corner (row, column) of each 2 x 2 block of points that lie in two triangles, until
+    /// `found` returns false.
+    fn covered_twice(
+        &self,
+        triangles: impl Iterator<Item = [DVec2; 3]>,
+        found: impl FnMut(i32, i32) -> bool,
+    ) {
+        let ahead = triangles.filter(|x| doubled_area(x) > 0.0).map(|x| self.place(&x));
+        let points = self.extent.x * self.extent.y;
+        // Long thin charts cover little of their rectangle: there the points themselves are fewer than bits.
+        if points <= MOST_BITS && points <= 256.0 * (self.covered + 64.0) {
+            Bits::new(self.extent).covered_twice(ahead, found);
+        } else {
+            points_twice(ahead, found);
+        }
     }
 }
 
@@ -109,7 +197,11 @@ impl Bits {
         Self { words, once: vec![0; words * rows], twice: vec![0; words * rows] }
     }
 
-    fn covered_twice(mut self, triangles: impl Iterator<Item = [DVec2; 3]>) -> bool {
+    fn covered_twice(
+        mut self,
+        triangles: impl Iterator<Item = [DVec2; 3]>,
+        mut found: impl FnMut(i32, i32) -> bool,
+    ) {
         for x in triangles {
             rasterize(x, |row, from, to| {
                 let (from, to) = (from as usize, to as usize);
@@ -122,17 +214,26 @@ impl Bits {
                 }
             });
         }
-        let rows: Vec<&[u64]> = self.twice.chunks_exact(self.words).collect();
-        rows.windows(2).any(|pair| {
+        for row in 0..self.twice.len() / self.words - 1 {
+            let [here, above] = [row, row + 1].map(|r| &self.twice[r * self.words..(r + 1) * self.words]);
             // Both rows; then both columns, with the first bit of the next word as the last one's neighbour.
-            let both = |word: usize| pair[0].get(word).map_or(0, |bits| bits & pair[1][word]);
-            (0..self.words).any(|word| both(word) & (both(word) >> 1 | both(word + 1) << 63) != 0)
-        })
+            let both = |word: usize| here.get(word).map_or(0, |bits| bits & above[word]);
+            for word in 0..self.words {
+                let mut blocks = both(word) & (both(word) >> 1 | both(word + 1) << 63);
+                while blocks != 0 {
+                    let column = word * 64 + blocks.trailing_zeros() as usize;
+                    if !found(row as i32, column as i32) {
+                        return;
+                    }
+                    blocks &= blocks - 1;
+                }
+            }
+        }
     }
 }
 
 /// The same by sorting points.
-fn points_twice(triangles: impl Iterator<Item = [DVec2; 3]>) -> bool {
+fn points_twice(triangles: impl Iterator<Item = [DVec2; 3]>, mut found: impl FnMut(i32, i32) -> bool) {
     let mut hits: Vec<(i32, i32)> = Vec::new();
     for x in triangles {
         rasterize(x, |row, from, to| hits.extend((from..to).map(|column| (row, column))));
@@ -141,7 +242,11 @@ fn points_twice(triangles: impl Iterator<Item = [DVec2; 3]>) -> bool {
     let mut twice: Vec<(i32, i32)> = hits.windows(2).filter(|w| w[0] == w[1]).map(|w| w[0]).collect();
     twice.dedup();
     let also = |x: i32, y: i32| twice.binary_search(&(x, y)).is_ok();
-    twice.iter().any(|&(x, y)| also(x + 1, y) && also(x, y + 1) && also(x + 1, y + 1))
+    for &(x, y) in &twice {
+        if also(x + 1, y) && also(x, y + 1) && also(x + 1, y + 1) && !found(x, y) {
+            return;
+        }
+    }
 }
 
 /// Names the runs of integer points in a triangle: row, first column, column after the last. Points on an
@@ -205,7 +310,10 @@ mod tests {
             let at = |i: usize| p(soup[i].0, soup[i].1);
             let triangles = || (0..soup.len() / 3).map(|i| [at(3 * i), at(3 * i + 1), at(3 * i + 2)]);
             let ahead = || triangles().filter(|x| doubled_area(x) > 0.0);
-            prop_assert_eq!(Bits::new(p(72.0, 72.0)).covered_twice(ahead()), points_twice(ahead()));
+            let (mut bits, mut points) = (Vec::new(), Vec::new());
+            Bits::new(p(72.0, 72.0)).covered_twice(ahead(), |x, y| { bits.push((x, y)); true });
+            points_twice(ahead(), |x, y| { points.push((x, y)); true });
+            prop_assert_eq!(bits, points);
         }
 
         #[test]

@@ -194,11 +194,24 @@ fn overlaps(patch: &Patch, uv: &[DVec2], area: f64) -> bool {
     if !border.iter().any(|curve| overlap::crosses_itself(curve)) {
         return false;
     }
-    // Fine enough to see a thin strip cross itself.
+    overlap::covers_twice((0..patch.len()).map(|t| image(patch, uv, t)), lattice_spacing(patch, uv, area))
+}
+
+/// Fine enough to see a thin strip cross itself.
+fn lattice_spacing(patch: &Patch, uv: &[DVec2], area: f64) -> f64 {
     let length: f64 = (0..patch.twins.len() as u32)
         .filter(|&h| patch.twins[h as usize] == CUT)
         .map(|h| uv[patch.tail(h) as usize].distance(uv[patch.head(h) as usize]))
         .sum();
     let width = 2.0 * area / length.max(f64::MIN_POSITIVE);
-    overlap::covers_twice((0..patch.len()).map(|t| image(patch, uv, t)), (width / 4.0).min(0.2))
+    (width / 4.0).min(0.2)
+}
+
+/// Labels for an overlapping flattening: 0 for triangles around `start` that do not overlap, 1 for the rest.
+/// `None` if that parts nothing.
+pub(crate) fn part_overlap(patch: &Patch, rest: &Rest, uv: &[DVec2], start: usize) -> Option<Vec<u32>> {
+    let images: Vec<[DVec2; 3]> = (0..patch.len()).map(|t| image(patch, uv, t)).collect();
+    let kept = overlap::peel(&images, &patch.twins, start, lattice_spacing(patch, uv, rest.area()));
+    let parts = kept.contains(&true) && kept.contains(&false);
+    parts.then(|| kept.into_iter().map(|kept| u32::from(!kept)).collect())
 }

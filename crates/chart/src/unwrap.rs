@@ -1,15 +1,16 @@
 //! From regions of texture triangles to charts: flatten, judge, split what does not hold, until it holds.
 
+use glam::DVec2;
 use lightkiln_mesh::{Adjacency, EdgeKind, Mesh, TriangleId};
 use rayon::prelude::*;
 
-use crate::arap::{Flattening, Rest, Start, doubled_area};
+use crate::arap::{Flattening, Rest, Start, doubled_area, innermost};
 use crate::chart::{Chart, ChartError};
 use crate::check::check_plane;
 use crate::merge::Neighbors;
 use crate::patch::{CUT, Patch};
 use crate::place::{Placed, place, size_for};
-use crate::quality::{Fault, image, judge, repair_flips, singular_values};
+use crate::quality::{Fault, image, judge, part_overlap, repair_flips, singular_values};
 use crate::segment::{DEVELOPABLE, Shape, segment};
 
 /// How charts are made.
@@ -159,7 +160,7 @@ struct Piece {
 }
 
 /// Why a piece must be split.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 enum Refusal {
     /// A closed surface.
     Closed,
@@ -171,8 +172,19 @@ enum Refusal {
     NotFinite,
     /// It was flattened well, but snapping turned triangles over or brought parts over each other.
     Snapped,
-    /// It was flattened, badly.
-    Bad(Fault),
+    /// It was flattened with flips or too much stretch.
+    Distorted,
+    /// It was flattened, but lies over itself; labels that part it there.
+    Overlaps(Option<Vec<u32>>),
+}
+
+/// What a flattening is tried for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Purpose {
+    /// If it fails, the patch is split: worth a second start and a good place to split at.
+    Split,
+    /// If it fails, nothing is lost.
+    Merge,
 }
 
 struct Unwrap<'a> {
@@ -221,7 +233,7 @@ impl Unwrap<'_> {
             effort = left;
             let splits = first.numbers.splits + second.numbers.splits;
             let merges = first.numbers.merges + second.numbers.merges + 1;
-            if let Ok(mut piece) = self.attempt(&self.patch(union), &[Start::Unfolded]) {
+            if let Ok(mut piece) = self.attempt(&self.patch(union), Purpose::Merge) {
                 piece.numbers.splits = splits;
                 piece.numbers.merges = merges;
                 pieces[a as usize] = Some(piece);
@@ -238,15 +250,20 @@ impl Unwrap<'_> {
 
     /// One chart if that holds, else the charts of its parts.
     fn solve(&self, patch: &Patch, depth: u32) -> Vec<Piece> {
-        if let Ok(piece) = self.attempt(patch, &[Start::Unfolded, Start::Tutte]) {
-            return vec![piece];
-        }
-        let sets = if depth < 40 {
-            let places = patch.places(self.mesh, self.options.texel_size);
-            // Normals that led to nothing so often are noise.
-            patch.components(&segment(patch, &Shape::new(patch, &places), depth >= 10))
-        } else {
-            patch.triangles.iter().map(|&t| vec![t]).collect()
+        let parted = match self.attempt(patch, Purpose::Split) {
+            Ok(piece) => return vec![piece],
+            Err(Refusal::Overlaps(parted)) => parted.map(|label| patch.components(&label)),
+            Err(_) => None,
+        };
+        let sets = match parted {
+            // A clean break, or cones have not helped so far.
+            Some(sets) if sets.len() <= 3 || depth >= 5 => sets,
+            _ if depth < 40 => {
+                let places = patch.places(self.mesh, self.options.texel_size);
+                // Normals that led to nothing so often are noise.
+                patch.components(&segment(patch, &Shape::new(patch, &places), depth >= 10))
+            }
+            _ => patch.triangles.iter().map(|&t| vec![t]).collect(),
         };
         let parts: Vec<Vec<Piece>> =
             sets.into_par_iter().map(|set| self.solve(&self.patch(set), depth + 1)).collect();
@@ -258,7 +275,7 @@ impl Unwrap<'_> {
     }
 
     /// Flattens a patch in one piece.
-    fn attempt(&self, whole: &Patch, starts: &[Start]) -> Result<Piece, Refusal> {
+    fn attempt(&self, whole: &Patch, purpose: Purpose) -> Result<Piece, Refusal> {
         let mut patch = whole.clone();
         let places = patch.places(self.mesh, self.options.texel_size);
         if patch.len() > 500 {
@@ -271,15 +288,8 @@ impl Unwrap<'_> {
         let cut_edges = patch.cut_to_disk(self.mesh).ok_or(Refusal::Closed)?;
         let places = patch.places(self.mesh, self.options.texel_size);
         let rest = Rest::new(&patch, &places);
-        let (mut uv, flips_repaired) = self.flatten(&patch, &rest, starts)?;
+        let (mut uv, flips_repaired) = self.flatten(&patch, &rest, purpose)?;
         let mut numbers = ChartReport { charts: 1, cut_edges, flips_repaired, ..ChartReport::default() };
-        // Area on the surface is what a chart's texels are for.
-        let area = rest.area();
-        let flat: f64 = (0..patch.len()).map(|t| doubled_area(&image(&patch, &uv, t)) / 2.0).sum();
-        let scale = if flat > 0.0 && area > 0.0 { (area / flat).sqrt() } else { 1.0 };
-        if scale.is_finite() && (0.5..2.0).contains(&scale) {
-            uv.iter_mut().for_each(|p| *p *= scale);
-        }
         let mut placed = place(&uv, self.options.gutter);
         let too_large = |placed: &Placed| placed.size.iter().any(|&s| s > self.options.max_size);
         if too_large(&placed) {
@@ -310,43 +320,37 @@ impl Unwrap<'_> {
     }
 
     /// Flattens from one start after the other until one holds. Returns how many flips were repaired.
-    fn flatten(
-        &self,
-        patch: &Patch,
-        rest: &Rest,
-        starts: &[Start],
-    ) -> Result<(Vec<glam::DVec2>, usize), Refusal> {
+    fn flatten(&self, patch: &Patch, rest: &Rest, purpose: Purpose) -> Result<(Vec<DVec2>, usize), Refusal> {
         let stretch = f64::from(self.options.max_stretch.max(1.01));
         let mut flattening = Flattening::new(patch, rest);
         let mut refusal = Refusal::NotFinite;
-        for &start in starts {
+        for start in [Start::Unfolded, Start::Tutte] {
             let Some(mut uv) = flattening.run(start, self.options.iterations) else { continue };
             let repaired = repair_flips(patch, rest, &mut uv);
+            equalize_area(patch, rest, &mut uv);
             if patch.len() == 1 {
                 return Ok((uv, repaired));
             }
             match judge(patch, rest, &uv, stretch) {
                 Ok(()) => return Ok((uv, repaired)),
-                Err(fault) => refusal = Refusal::Bad(fault),
+                // What overlaps would have to be bent out of shape by another start.
+                Err(Fault::Overlaps) => {
+                    let parted = (purpose == Purpose::Split)
+                        .then(|| part_overlap(patch, rest, &uv, innermost(patch)))
+                        .flatten();
+                    return Err(Refusal::Overlaps(parted));
+                }
+                Err(Fault::Flipped | Fault::Stretched) => refusal = Refusal::Distorted,
             }
-            // An isometry has no better version, what overlaps would have to be bent out of shape, and a large
-            // patch is cheaper to split than to try again.
-            let hopeless = refusal == Refusal::Bad(Fault::Overlaps) || patch.border.iter().all(|&b| b);
-            if hopeless || patch.len() > 20_000 {
+            // An isometry has no better version, and a large patch is cheaper to split than to try again.
+            if purpose == Purpose::Merge || patch.border.iter().all(|&b| b) || patch.len() > 20_000 {
                 break;
             }
         }
         Err(refusal)
     }
 
-    fn measure(
-        &self,
-        patch: &Patch,
-        rest: &Rest,
-        uv: &[glam::DVec2],
-        placed: &Placed,
-        numbers: &mut ChartReport,
-    ) {
+    fn measure(&self, patch: &Patch, rest: &Rest, uv: &[DVec2], placed: &Placed, numbers: &mut ChartReport) {
         numbers.triangles = patch.len();
         numbers.vertices = patch.vertices.len();
         numbers.surface_area = rest.area();
@@ -355,9 +359,10 @@ impl Unwrap<'_> {
             let u = image(patch, uv, t);
             numbers.chart_area += doubled_area(&u) / 2.0;
             let area = doubled_area(x) / 2.0;
+            // Triangles far below a texel may collapse; as a mean over area they would drown all others.
             // Without area there is nothing to weigh a stretch with.
             let [large, small] = singular_values(x, &u).unwrap_or([1.0, 1.0]);
-            let small = small.max(1e-3);
+            let small = small.max(0.05);
             let stretch = large.max(1.0 / small);
             numbers.mean_stretch += area * stretch;
             numbers.symmetric_dirichlet += area
@@ -380,6 +385,16 @@ impl Unwrap<'_> {
                 }
             }
         }
+    }
+}
+
+/// Scales to the area on the surface: that is what a chart's texels are for.
+fn equalize_area(patch: &Patch, rest: &Rest, uv: &mut [DVec2]) {
+    let flat: f64 = (0..patch.len()).map(|t| doubled_area(&image(patch, uv, t)) / 2.0).sum();
+    let scale = (rest.area() / flat).sqrt();
+    // Slivers can leave an area that says nothing about lengths.
+    if (0.5..2.0).contains(&scale) {
+        uv.iter_mut().for_each(|p| *p *= scale);
     }
 }
 
