@@ -137,9 +137,7 @@ fn base(detail: &Detail, add: Add<'_>) {
             let seam = 0.004 * (-((p.x - 0.12) / 0.004).powi(2)).exp();
             let lean = -0.25 * (p.z + 0.02) * side;
             let x = p.x + 0.06;
-            v(x, p.y + lean * -1.0, p.z + bulge + rise(x) + 0.02) - n * seam
-                + v(0.0, side * 0.222, 0.0)
-                + offset
+            v(x, p.y - lean, p.z + bulge + rise(x) + 0.02) - n * seam + v(0.0, side * 0.222, 0.0) + offset
         });
         add(format!("cushion_bolster_{name}"), bolster, Stuff::Side);
         let piping = |t: f64| {
@@ -254,14 +252,14 @@ fn back(detail: &Detail, add: Add<'_>) {
         let border = smooth(0.0, 0.03, 0.085 - p.z.abs()) * smooth(0.0, 0.03, 0.13 - p.y.abs());
         let dent = -0.014 * (-(p.y * p.y + p.z * p.z) / 0.004).exp() * smooth(0.5, 0.95, n.x);
         let seam = 0.004 * (-((p.y.abs() - 0.085) / 0.004).powi(2)).exp() * smooth(0.3, 0.8, n.x) * border;
-        v(p.x + dent - 0.9 * p.y * p.y * -1.0, p.y, p.z) - n * seam + v(back_curve(0.62) + 0.02, 0.0, 0.82)
+        v(p.x + dent + 0.9 * p.y * p.y, p.y, p.z) - n * seam + v(back_curve(0.62) + 0.02, 0.0, 0.82)
     });
     add("headrest".into(), headrest, Stuff::Side);
     let shell = panel(detail, [8, 12], 0.004, &|s, t| {
         // Seen from behind, the left of the seat is to the left.
         let (y, z) = (0.5 - s, 0.02 + 0.60 * t);
         let width = 0.5 - 0.1 * smooth(0.3, 0.6, z);
-        v(back_curve(z) - 0.095 + 0.16 * y * y * 4.0 * 0.5, y * width * 1.0, z)
+        v(back_curve(z) - 0.095 + 0.32 * y * y, y * width, z)
     });
     add("back_shell".into(), shell, Stuff::Plastic);
     // Buttons sit where the shoulder's grooves cross.

@@ -167,8 +167,7 @@ pub fn panel(detail: &Detail, least: [usize; 2], thickness: f64, f: &dyn Fn(f64,
         let at = |k: f64| f((u + k * du).clamp(0.0, 1.0), (v + k * dv).clamp(0.0, 1.0));
         (at(1.0) - at(-1.0)).cross(n).normalize()
     };
-    for side in 0..4 {
-        let (from, to, steps) = sides[side];
+    for (side, &(from, to, steps)) in sides.iter().enumerate() {
         let ratio = |k: usize, c: usize, n: usize| {
             // The very numbers that the grid uses, so that places are equal to the last bit.
             if from[c] == to[c] {

@@ -258,19 +258,27 @@ pub(super) fn panels(b: &mut Builder) {
     b.pair("front_corner", panel(&d, [10, 8], 0.004, &on(front, [0.5, 0.998], [0.352, 0.553], 0.0)), paint);
     b.add("nose", panel(&d, [16, 4], SHEET, &strip(front, [-0.495, 0.495], 0.632)), paint);
     b.pair("brow", panel(&d, [10, 2], SHEET, &strip(front, [0.5, 0.998], 0.697)), paint);
-    // Between hood, fender and brow.
-    let deck = |u: f64, t: f64| {
-        let s = 0.72 + 0.275 * t;
-        let strip_top = strip(front, [s, s], 0.697)(0.0, 1.0);
+    // Between hood, fender and brow; the same behind.
+    let across = |x: f64, y: f64| {
         let (mut low, mut high) = (0.75, 1.0);
         for _ in 0..30 {
             let middle = 0.5 * (low + high);
-            if side(1.98, middle).y > strip_top.y { low = middle } else { high = middle }
+            if side(x, middle).y > y { low = middle } else { high = middle }
         }
-        let fender_end = side(1.98, low);
-        v(1.981, strip_top.y, fender_end.z).lerp(strip_top - v(0.004, 0.0, 0.0), u)
+        v(x, y, side(x, low).z)
+    };
+    let deck = |u: f64, t: f64| {
+        let s = 0.72 + 0.275 * t;
+        let end = strip(front, [s, s], 0.697)(0.0, 1.0);
+        across(1.981, end.y).lerp(end - v(0.004, 0.0, 0.0), u)
     };
     b.pair("front_deck", panel(&d, [4, 8], SHEET, &deck), paint);
+    let deck = |u: f64, t: f64| {
+        let s = 0.735 + 0.26 * t;
+        let end = strip(rear, [s, s], 0.884)(0.0, 1.0);
+        (end + v(0.004, 0.0, 0.0)).lerp(across(-1.996, end.y), u)
+    };
+    b.pair("rear_deck", panel(&d, [4, 8], SHEET, &deck), paint);
     b.add("rear_bumper", panel(&d, [24, 10], 0.004, &on(rear, [1.0, -1.0], [0.22, 0.56], 0.0)), paint);
     b.add("trunk_face", panel(&d, [16, 8], SHEET, &strip(rear, [0.44, -0.44], 0.566)), paint);
     b.pair("rear_corner", panel(&d, [10, 4], SHEET, &on(rear, [0.998, 0.447], [0.566, 0.696], 0.0)), paint);
@@ -366,7 +374,7 @@ pub(super) fn lamps(b: &mut Builder) {
     }
     let fog: [&[(f64, f64)]; 2] =
         [&[(0.0, -0.02), (0.034, -0.01), (0.036, 0.008)], &[(0.036, 0.008), (0.0, 0.016)]];
-    let at = front(0.72, 0.42) + v(0.0, 0.0, 0.0);
+    let at = front(0.72, 0.42);
     b.pair("fog_lamp", lathe(&d, 20, &fog).turned(forward).moved(at), b.is.lamp);
     let tail = |u: f64, t: f64| rear(0.995 - 0.545 * u, 0.703 + 0.174 * t);
     b.pair("tail_lamp_cover", panel(&d, [10, 6], 0.003, &tail), b.is.red_glass);

@@ -186,8 +186,8 @@ pub(super) fn underbody(b: &mut Builder) {
         &[(0.031, 0.004), (0.034, 0.0)],
     ];
     b.pair("exhaust_tip", lathe(&d, 24, &tip).turned(backward).moved(v(-1.92, 0.48, 0.26)), b.is.chrome);
-    let tank = rounded_box(&d, v(0.20, 0.38, 0.08), 0.06, 4).moved(v(-0.66, -0.30, 0.13 + 0.0));
-    b.add("fuel_tank", tank.moved(v(0.0, 0.0, 0.0)), b.is.black);
+    let tank = rounded_box(&d, v(0.20, 0.38, 0.08), 0.06, 4).moved(v(-0.66, -0.30, 0.13));
+    b.add("fuel_tank", tank, b.is.black);
     let engine = rounded_box(&d, v(0.26, 0.28, 0.17), 0.05, 4).moved(v(1.45, 0.0, 0.52));
     b.add("engine", engine, b.is.steel);
     let cover = bent(rounded_box(&d, v(0.22, 0.24, 0.03), 0.02, 4), |p, n| {
