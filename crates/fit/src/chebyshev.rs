@@ -9,8 +9,9 @@ use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
+use crate::assembly::Rows;
 use crate::pcg::TOLERANCE;
-use crate::system::{Rows, Sheet};
+use crate::system::Sheet;
 
 /// Rows worked on at a time.
 const CHUNK: usize = 2048;

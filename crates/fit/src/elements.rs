@@ -65,28 +65,11 @@ impl Flap {
     /// smaller area, so that slivers neither blow up the term nor the condition of the system.
     #[inline]
     pub fn unfolded(&self, mesh: &Mesh) -> Option<Element> {
-        const EQUAL_TO_PRINTED_ON_EQUILATERAL: f64 = 2.309_401_076_758_503; // 4 / √3
-        let [i, j, k, l] = self.positions(mesh);
-        let edge = j - i;
-        let length2 = edge.length_squared();
-        if length2 <= 0.0 {
-            return None;
-        }
-        let (area_k, area_l) = (edge.cross(k - i).length(), edge.cross(l - i).length());
-        let sum = area_k + area_l; // twice the areas: the heights up to a common factor
-        if sum <= 0.0 {
-            return None;
-        }
-        let (from_k, from_l) = (area_l / sum, area_k / sum);
-        let s = (from_k * edge.dot(k - i) + from_l * edge.dot(l - i)) / length2;
-        let scale = 1.0 / s.abs().max((1.0 - s).abs()).max(1.0);
-        let row = [(s - 1.0) * scale, -s * scale, from_k * scale, from_l * scale];
-        let harmonic = 2.0 * area_k * area_l / sum;
-        Some(Element {
-            vertices: self.vertices,
-            coefficients: row.map(|c| DVec3::new(c, 0.0, 0.0)),
-            weight: EQUAL_TO_PRINTED_ON_EQUILATERAL * harmonic,
-        })
+        let places = self.positions(mesh);
+        let [i, j, k, _] = places;
+        let (row, weight) = unfolded(places, (j - i).cross(k - i).length())?;
+        let coefficients = row.map(|c| DVec3::new(c, 0.0, 0.0));
+        Some(Element { vertices: self.vertices, coefficients, weight })
     }
 
     /// The edge term as printed: `(a_t + a_u) |√a_t ∇g_t - √a_u ∇g_u|²` (eq. 13), gradients as vectors of space.
@@ -99,6 +82,27 @@ impl Flap {
         let coefficients = [first.0[0] - second.0[1], first.0[1] - second.0[0], first.0[2], -second.0[2]];
         Some(Element { vertices: self.vertices, coefficients, weight: first.1 + second.1 })
     }
+}
+
+/// Coefficients and weight of [`Flap::unfolded`] from the places of `i`, `j`, `k`, `l` and twice the area of `i j k`.
+#[inline]
+pub(crate) fn unfolded([i, j, k, l]: [DVec3; 4], area_k: f64) -> Option<([f64; 4], f64)> {
+    const EQUAL_TO_PRINTED_ON_EQUILATERAL: f64 = 2.309_401_076_758_503; // 4 / √3
+    let edge = j - i;
+    let length2 = edge.length_squared();
+    if length2 <= 0.0 {
+        return None;
+    }
+    let area_l = edge.cross(l - i).length();
+    let sum = area_k + area_l; // twice the areas: the heights up to a common factor
+    if sum <= 0.0 {
+        return None;
+    }
+    let (from_k, from_l) = (area_l / sum, area_k / sum);
+    let s = (from_k * edge.dot(k - i) + from_l * edge.dot(l - i)) / length2;
+    let scale = 1.0 / s.abs().max((1.0 - s).abs()).max(1.0);
+    let row = [(s - 1.0) * scale, -s * scale, from_k * scale, from_l * scale];
+    Some((row, EQUAL_TO_PRINTED_ON_EQUILATERAL * 2.0 * area_k * area_l / sum))
 }
 
 /// `√a ∇h` of the three hat functions, and the area `a` (eq. 11). `None` for a triangle without area.

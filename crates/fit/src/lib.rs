@@ -5,7 +5,9 @@
 //! | [`observations`] | samples sorted by triangle | Schaefer eq. 2 |
 //! | [`options`] | methods, regularizers, bounds, report | |
 //! | `elements` | gradient, edge and holding terms | Kavan eq. 10-13 |
-//! | [`system`] | unknowns, the normal matrix in compressed rows, right-hand sides | Schaefer eq. 3-4; Kavan eq. 4, 7, 9, 14 |
+//! | [`system`] | unknowns, right-hand sides, the order of a fit | Schaefer eq. 3-4; Kavan eq. 4, 7, 9, 14 |
+//! | `assembly` | the normal matrix in compressed rows | Schaefer eq. 3-4; Kavan eq. 4, 9 |
+//! | `finish` | the guard and the bounds | Kavan 3.3 |
 //! | `solve` | one solver per sheet | Kavan 3.3 |
 //! | `pcg` | conjugate gradients with measured convergence | |
 //! | `optimum` | the quadratic program under bounds | Kavan 3.3 |
@@ -20,9 +22,11 @@
 //! Deviation: the paper takes `A` as positive definite. With observed masses it is singular wherever a vertex
 //! sees no sample, and with analytic masses and a sampled right-hand side it does not reproduce a constant.
 
+mod assembly;
 mod chebyshev;
 mod elements;
 pub mod energy;
+mod finish;
 pub mod observations;
 mod optimum;
 pub mod options;

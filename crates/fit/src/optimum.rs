@@ -7,7 +7,8 @@
 
 use rayon::prelude::*;
 
-use crate::system::{Rows, Sheet};
+use crate::assembly::Rows;
+use crate::system::Sheet;
 
 /// The scaled projected gradient at which the optimum is taken, relative to the range: far below the 1e-6 that
 /// the conditions are tested to.

@@ -9,8 +9,9 @@
 
 use rayon::prelude::*;
 
+use crate::assembly::Rows;
 use crate::chebyshev::Spectrum;
-use crate::system::{Rows, Sheet};
+use crate::system::Sheet;
 
 /// Relative error, in the largest value, at which a solution is taken.
 pub(crate) const TOLERANCE: f64 = 5e-7;

@@ -10,9 +10,10 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::FitError;
+use crate::assembly::Rows;
 use crate::pcg::Preconditioner;
 use crate::solve::Sparse;
-use crate::system::{Rows, Sheet};
+use crate::system::Sheet;
 
 /// Unknowns of a block before it is grown.
 const BLOCK: usize = 3000;

@@ -14,10 +14,11 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 use glam::Vec3;
 
+use crate::assembly::Rows;
 use crate::chebyshev::Chebyshev;
 use crate::pcg;
 use crate::schwarz::Schwarz;
-use crate::system::{Rows, Sheet};
+use crate::system::Sheet;
 use crate::{FitError, FitOptions, FitReport, Solver};
 
 /// Sheets up to this many unknowns are solved by a dense factor.

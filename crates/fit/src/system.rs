@@ -22,17 +22,16 @@ use std::ops::Range;
 use lightkiln_mesh::{Adjacency, Fans, Mesh, TriangleId, VertexId, sheets};
 use rayon::prelude::*;
 
-use crate::elements::{Element, Flap, gradient};
+use crate::assembly::Rows;
 use crate::observations::ByTriangle;
-use crate::optimum;
 use crate::solve::{Context, SheetSolver};
-use crate::{Bounds, Fit, FitError, FitOptions, FitReport, Held, Mass, Method, Observations, Regularizer};
+use crate::{Bounds, Fit, FitError, FitOptions, FitReport, Held, Mass, Method, Observations};
 
 /// Weight of the edge term that is always there: where vertices see enough each but too little together, noise grows
 /// by at most `1 / √EDGE_TIE`.
 pub const EDGE_TIE: f64 = 1e-3;
 /// Observations in two neighbouring triangles from which on the edge term that is always there fades.
-const ENOUGH: f64 = 8.0;
+pub(crate) const ENOUGH: f64 = 8.0;
 /// Weight of the edge term around a vertex that sees nothing.
 pub const DAMPING: f64 = 0.1;
 /// A vertex that sees this share of its expected mass needs no damping.
@@ -40,9 +39,9 @@ pub const SEEN_SHARE: f64 = 0.1;
 /// Weight of the differences along edges that hold what even the edge term leaves open.
 pub const GRAPH_TIE: f64 = 1e-10;
 /// Share of a sheet's mean triangle area that stands in where a triangle has none.
-const AREA_FLOOR: f64 = 1e-3;
+pub(crate) const AREA_FLOOR: f64 = 1e-3;
 /// How many ranges beyond the observations of its sheet a value may lie.
-const GUARD_RANGES: f64 = 2.0;
+pub(crate) const GUARD_RANGES: f64 = 2.0;
 /// Rows gathered at a time by one thread.
 pub(crate) const CHUNK: usize = 2048;
 /// Channels solved at a time: first few, which measure the spectrum, then many.
@@ -51,43 +50,7 @@ const BLOCK: usize = 16;
 /// Unknowns beyond which memory for many channels at a time is dear.
 const MANY_UNKNOWNS: usize = 3_000_000;
 /// A vertex that is not solved for.
-const NONE: u32 = u32::MAX;
-
-/// The symmetric matrix, both halves, in chunks of [`CHUNK`] rows.
-#[derive(Debug, Default)]
-pub(crate) struct Rows {
-    chunks: Vec<RowChunk>,
-}
-
-#[derive(Debug, Default)]
-pub(crate) struct RowChunk {
-    starts: Vec<u32>,
-    columns: Vec<u32>,
-    entries: Vec<f64>,
-    diagonal: Vec<f64>,
-    // Entries whose column is a held vertex: row, vertex, entry.
-    held: Vec<(u32, u32, f64)>,
-}
-
-impl Rows {
-    /// Columns in ascending order, and entries.
-    #[inline]
-    pub fn row(&self, unknown: usize) -> (&[u32], &[f64]) {
-        let chunk = &self.chunks[unknown / CHUNK];
-        let r = unknown % CHUNK;
-        let range = chunk.starts[r] as usize..chunk.starts[r + 1] as usize;
-        (&chunk.columns[range.clone()], &chunk.entries[range])
-    }
-
-    #[inline]
-    pub fn diagonal(&self, unknown: usize) -> f64 {
-        self.chunks[unknown / CHUNK].diagonal[unknown % CHUNK]
-    }
-
-    pub fn entries(&self) -> usize {
-        self.chunks.iter().map(|c| c.columns.len()).sum()
-    }
-}
+pub(crate) const NONE: u32 = u32::MAX;
 
 /// One sheet's share of the unknowns and what is known of it.
 #[derive(Clone, Debug, Default)]
@@ -95,7 +58,7 @@ pub(crate) struct Sheet {
     pub first: u32,
     pub last: u32,
     /// Mean area of its triangles; positive.
-    unit: f64,
+    pub unit: f64,
 }
 
 impl Sheet {
@@ -108,27 +71,27 @@ impl Sheet {
 ///
 /// `alpha` can change between solves: the structure and symbolic factors stay.
 pub struct System<'a> {
-    mesh: &'a Mesh,
-    adjacency: &'a Adjacency,
-    fans: Fans,
-    observed: ByTriangle<'a>,
-    held: Option<&'a Held<'a>>,
-    options: FitOptions,
-    unknown_of: Vec<u32>,
-    vertex_of: Vec<u32>,
+    pub(crate) mesh: &'a Mesh,
+    pub(crate) adjacency: &'a Adjacency,
+    pub(crate) fans: Fans,
+    pub(crate) observed: ByTriangle<'a>,
+    pub(crate) held: Option<&'a Held<'a>>,
+    pub(crate) options: FitOptions,
+    pub(crate) unknown_of: Vec<u32>,
+    pub(crate) vertex_of: Vec<u32>,
     /// How much less than its share a vertex sees, 0..=1, by vertex.
-    deficit: Vec<f32>,
+    pub(crate) deficit: Vec<f32>,
     /// By triangle.
-    sheet_of: Vec<u32>,
-    sheets: Vec<Sheet>,
+    pub(crate) sheet_of: Vec<u32>,
+    pub(crate) sheets: Vec<Sheet>,
     /// Sheets × C: mean, smallest and largest observation.
-    ranges: Vec<[f64; 3]>,
-    neutral: Vec<f64>,
-    rows: Rows,
-    solvers: Vec<SheetSolver>,
+    pub(crate) ranges: Vec<[f64; 3]>,
+    pub(crate) neutral: Vec<f64>,
+    pub(crate) rows: Rows,
+    pub(crate) solvers: Vec<SheetSolver>,
     /// The solvers are those of another alpha.
-    stale: bool,
-    report: FitReport,
+    pub(crate) stale: bool,
+    pub(crate) report: FitReport,
 }
 
 impl<'a> System<'a> {
@@ -232,8 +195,8 @@ impl<'a> System<'a> {
         }
         let mut held_in = vec![0_usize; count];
         let mut free_in = vec![0_u32; count];
-        for v in 0..mesh.vertex_count() {
-            let sheet = sheet_of_vertex[v] as usize;
+        for (v, &sheet) in sheet_of_vertex.iter().enumerate() {
+            let sheet = sheet as usize;
             if is_held(v) {
                 self.report.held_vertices += 1;
                 if sheet < count {
@@ -324,125 +287,6 @@ impl<'a> System<'a> {
         self.report.unseen_vertices = seen_and_deficit.iter().filter(|s| !s.0).count();
         self.deficit = seen_and_deficit.iter().map(|s| s.1).collect();
         self.report.damped_vertices = self.deficit.iter().filter(|&&d| d > 0.0).count();
-    }
-
-    /// Gathers all rows.
-    fn assemble(&mut self) {
-        let unknowns = self.vertex_of.len();
-        let chunks = (0..unknowns.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| self.gather(chunk * CHUNK..((chunk + 1) * CHUNK).min(unknowns)))
-            .collect();
-        self.rows = Rows { chunks };
-        self.report.matrix_entries = self.rows.entries();
-    }
-
-    fn gather(&self, unknowns: Range<usize>) -> RowChunk {
-        let mut chunk = RowChunk::default();
-        chunk.starts.push(0);
-        chunk.columns.reserve(unknowns.len() * 14);
-        chunk.entries.reserve(unknowns.len() * 14);
-        let mut row = Accumulator::default();
-        for unknown in unknowns {
-            self.gather_row(self.vertex_of[unknown], &mut row);
-            row.finish();
-            let mut diagonal = 0.0;
-            for &(vertex, entry) in &row.entries {
-                let column = self.unknown_of[vertex as usize];
-                if column as usize == unknown {
-                    diagonal = entry;
-                }
-                if column == NONE {
-                    chunk.held.push((unknown as u32, vertex, entry));
-                } else {
-                    chunk.columns.push(column);
-                    chunk.entries.push(entry);
-                }
-            }
-            if diagonal <= 0.0 {
-                // A vertex whose triangles name nothing else and show nothing: any value will do.
-                diagonal = 1.0;
-                let at = chunk.columns.iter().rposition(|&c| c as usize == unknown);
-                if let Some(at) = at {
-                    chunk.entries[at] = diagonal;
-                }
-            }
-            chunk.diagonal.push(diagonal);
-            chunk.starts.push(chunk.columns.len() as u32);
-        }
-        chunk
-    }
-
-    /// Everything that couples one vertex to others: entries of its row by vertex.
-    fn gather_row(&self, vertex: u32, row: &mut Accumulator) {
-        let (mesh, alpha) = (self.mesh, f64::from(self.options.alpha));
-        let ours = self.options.method == Method::Ours;
-        let analytic = self.options.method == Method::LeastSquares { mass: Mass::Analytic };
-        // Also at alpha 0, so that the structure is the same for every alpha.
-        let regularizer = self.options.regularizer;
-        let edge = matches!(regularizer, Regularizer::Edge | Regularizer::Both);
-        row.start(vertex);
-        for &t in self.fans.around(VertexId(vertex)) {
-            let corners = mesh.triangles[t.index()].map(|v| v.0);
-            let unit = self.sheets[self.sheet_of[t.index()] as usize].unit;
-            let area = mesh.area(t);
-            if analytic {
-                for &a in corners.iter().filter(|&&a| a == vertex) {
-                    corners.iter().for_each(|&b| row.add(b, area / 12.0));
-                    row.add(a, area / 12.0);
-                }
-            } else {
-                let mut sums = [0.0; 3];
-                for seen in self.observed.in_triangle(t) {
-                    let here = seen.weight * hat(mesh, t, vertex, seen.barycentric);
-                    for (sum, b) in sums.iter_mut().zip(seen.barycentric) {
-                        *sum += here * b;
-                    }
-                }
-                for (&b, sum) in corners.iter().zip(sums) {
-                    row.add(b, sum);
-                }
-            }
-            let tie = GRAPH_TIE * (area / 3.0 + AREA_FLOOR * unit);
-            for &b in corners.iter().filter(|&&b| b != vertex) {
-                row.add(vertex, tie);
-                row.add(b, -tie);
-            }
-            if matches!(regularizer, Regularizer::Gradient | Regularizer::Both) {
-                row.add_element(&gradient(mesh, t), alpha);
-            }
-            if !(ours || edge || regularizer == Regularizer::EdgePrinted) {
-                continue;
-            }
-            for e in 0..3 {
-                let Some(flap) = Flap::across(mesh, self.adjacency, t, e) else { continue };
-                // Where the vertex is in both triangles the flap is met twice.
-                let in_both = vertex != flap.vertices[2] || vertex == flap.vertices[3];
-                if in_both && !flap.is_owner() {
-                    continue;
-                }
-                if regularizer == Regularizer::EdgePrinted
-                    && let Some(element) = flap.printed(mesh)
-                {
-                    row.add_element(&element, alpha);
-                }
-                if (ours || edge)
-                    && let Some(mut element) = flap.unfolded(mesh)
-                {
-                    let mut weight = if edge { alpha * element.weight } else { 0.0 };
-                    if ours {
-                        let deficit =
-                            flap.vertices.iter().map(|&v| self.deficit[v as usize]).fold(0.0, f32::max);
-                        let seen = self.observed.count(flap.first) + self.observed.count(flap.second);
-                        let tie = EDGE_TIE * (ENOUGH / seen.max(1) as f64).powi(2).clamp(1e-3, 1.0);
-                        weight +=
-                            (tie + DAMPING * f64::from(deficit)) * element.weight + tie * AREA_FLOOR * unit;
-                    }
-                    element.weight = weight;
-                    row.add_element(&element, 1.0);
-                }
-            }
-        }
     }
 
     /// Factors the matrix, sheet by sheet, each by the solver that suits it.
@@ -579,108 +423,6 @@ impl<'a> System<'a> {
             + self.observed.len() * 4;
         Ok(Fit { values, report })
     }
-
-    /// Writes a block of solutions into the vertex values, with the guard against wild ones.
-    fn write(&self, solution: &[f64], block: Range<usize>, values: &mut [f32], report: &mut FitReport) {
-        let (channels, width) = (self.observed.channels(), block.len());
-        for (s, sheet) in self.sheets.iter().enumerate() {
-            let ranges = &self.ranges[s * channels..(s + 1) * channels][block.clone()];
-            for unknown in sheet.unknowns() {
-                let at = self.vertex_of[unknown] as usize * channels;
-                let out = &mut values[at..at + channels][block.clone()];
-                let found = &solution[unknown * width..(unknown + 1) * width];
-                for ((out, &difference), &[mean, low, high]) in out.iter_mut().zip(found).zip(ranges) {
-                    let value = mean + difference;
-                    let reach = GUARD_RANGES * (high - low);
-                    // Rounding of a constant is no shot.
-                    let reach = reach.max(1e-6 * mean.abs());
-                    let guarded =
-                        if value.is_finite() { value.clamp(low - reach, high + reach) } else { mean };
-                    report.guarded_values += usize::from(guarded != value);
-                    *out = guarded as f32;
-                }
-            }
-        }
-    }
-
-    /// Replaces a block of solutions by the optimum under bounds, sheet by sheet and channel by channel, where
-    /// any value is outside.
-    fn bound(
-        &self,
-        rhs: &[f64],
-        solution: &mut [f64],
-        block: Range<usize>,
-        low: f32,
-        high: f32,
-        report: &mut FitReport,
-    ) {
-        let (channels, width) = (self.observed.channels(), block.len());
-        let (low, high) = (f64::from(low), f64::from(high));
-        let jobs: Vec<(usize, usize)> =
-            (0..self.sheets.len()).flat_map(|s| (0..width).map(move |k| (s, k))).collect();
-        let found: Vec<_> = jobs
-            .par_iter()
-            .map(|&(s, k)| {
-                let column = |from: &[f64]| -> Vec<f64> {
-                    self.sheets[s].unknowns().map(|u| from[u * width + k]).collect()
-                };
-                let mean = self.ranges[s * channels + block.start + k][0];
-                let (low, high) = (low - mean, high - mean);
-                let mut x = column(solution);
-                if x.iter().all(|v| (low..=high).contains(v)) {
-                    return (Vec::new(), 0, true, 0);
-                }
-                let (steps, met) =
-                    optimum::minimize(&self.rows, &self.sheets[s], &column(rhs), &mut x, low, high);
-                let active = x.iter().filter(|&&v| v <= low || v >= high).count();
-                (x, steps, met, active)
-            })
-            .collect();
-        for ((s, k), (x, steps, met, active)) in jobs.into_iter().zip(found) {
-            report.optimum_steps = report.optimum_steps.max(steps);
-            report.optimum_unmet += usize::from(!met);
-            report.active_bounds += active;
-            for (unknown, value) in self.sheets[s].unknowns().zip(x) {
-                solution[unknown * width + k] = value;
-            }
-        }
-    }
-
-    fn count_outside(
-        &self,
-        values: &[f32],
-        block: Range<usize>,
-        low: f32,
-        high: f32,
-        report: &mut FitReport,
-    ) {
-        let channels = self.observed.channels();
-        for &v in &self.vertex_of {
-            for value in &values[v as usize * channels..(v as usize + 1) * channels][block.clone()] {
-                report.below += usize::from(*value < low);
-                report.above += usize::from(*value > high);
-                report.farthest_outside = report.farthest_outside.max(low - *value).max(*value - high);
-            }
-        }
-    }
-
-    /// Clamps unknown values, or counts and leaves them.
-    fn apply_bounds(&self, values: &mut [f32], report: &mut FitReport) {
-        let Some((low, high)) = self.options.bounds.range() else { return };
-        let channels = self.observed.channels();
-        report.clamp_after_interpolation =
-            matches!(self.options.bounds, Bounds::ClampAfterInterpolation { .. });
-        if !matches!(self.options.bounds, Bounds::Optimum { .. }) {
-            self.count_outside(values, 0..channels, low, high, report);
-        }
-        if !report.clamp_after_interpolation {
-            for &v in &self.vertex_of {
-                for value in &mut values[v as usize * channels..(v as usize + 1) * channels] {
-                    *value = value.clamp(low, high);
-                }
-            }
-        }
-    }
 }
 
 /// The hat function of a vertex at barycentric coordinates of a triangle that names it.
@@ -688,62 +430,6 @@ impl<'a> System<'a> {
 pub(crate) fn hat(mesh: &Mesh, triangle: TriangleId, vertex: u32, barycentric: [f64; 3]) -> f64 {
     let corners = mesh.triangles[triangle.index()];
     corners.iter().zip(barycentric).map(|(v, b)| if v.0 == vertex { b } else { 0.0 }).sum()
-}
-
-/// One row while it is gathered.
-#[derive(Default)]
-struct Accumulator {
-    vertex: u32,
-    entries: Vec<(u32, f64)>,
-}
-
-impl Accumulator {
-    /// Rows up to this long are searched, longer ones sorted at the end.
-    const SEARCHED: usize = 64;
-
-    fn start(&mut self, vertex: u32) {
-        self.vertex = vertex;
-        self.entries.clear();
-        self.entries.push((vertex, 0.0));
-    }
-
-    #[inline]
-    fn add(&mut self, column: u32, entry: f64) {
-        if self.entries.len() <= Self::SEARCHED
-            && let Some(found) = self.entries.iter_mut().find(|e| e.0 == column)
-        {
-            found.1 += entry;
-            return;
-        }
-        self.entries.push((column, entry));
-    }
-
-    /// Adds this row's share of `scale` times an element.
-    #[inline]
-    fn add_element(&mut self, element: &Element, scale: f64) {
-        let mut here = glam::DVec3::ZERO;
-        for (v, c) in element.vertices.iter().zip(element.coefficients) {
-            if *v == self.vertex {
-                here += c;
-            }
-        }
-        here *= scale * element.weight;
-        for (&v, c) in element.vertices.iter().zip(element.coefficients) {
-            self.add(v, here.dot(c));
-        }
-    }
-
-    /// Sorts by column and joins equal columns.
-    fn finish(&mut self) {
-        self.entries.sort_by_key(|e| e.0);
-        self.entries.dedup_by(|later, first| {
-            let same = later.0 == first.0;
-            if same {
-                first.1 += later.1;
-            }
-            same
-        });
-    }
 }
 
 /// Checks everything that does not need the observations' order.
@@ -758,7 +444,7 @@ pub(crate) fn check(
         return Err(FitError::Alpha { alpha: options.alpha });
     }
     if let Some((low, high)) = options.bounds.range()
-        && !(low <= high)
+        && (low > high || low.is_nan() || high.is_nan())
     {
         return Err(FitError::Bounds { low, high });
     }
