@@ -54,15 +54,21 @@ pub(crate) fn split(bytes: Vec<u8>) -> Result<Container, SceneError> {
                 "a chunk of {size} bytes at byte {at} runs past the end ({length})"
             )));
         };
-        let data = bytes[body..end].to_vec();
         match kind {
-            JSON if json.is_none() => json = Some(data),
-            BIN if chunk.is_none() => chunk = Some(data),
-            _ => chunks.push((kind, data)),
+            JSON if json.is_none() => json = Some(bytes[body..end].to_vec()),
+            BIN if chunk.is_none() => chunk = Some(body..end),
+            _ => chunks.push((kind, bytes[body..end].to_vec())),
         }
         at = end;
     }
     let json = json.ok_or_else(|| damaged("there is no JSON chunk"))?;
+    // The chunk is most of the file: it keeps the file's memory.
+    let chunk = chunk.map(|range| {
+        let mut bytes = bytes;
+        bytes.truncate(range.end);
+        bytes.drain(..range.start);
+        bytes
+    });
     Ok(Container { json, chunk, chunks })
 }
 
