@@ -18,7 +18,8 @@ pub(crate) const NONE: u32 = u32::MAX;
 /// The id of an unused lane of a block.
 pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
 
-// Expected cost of one visit relative to each other, measured on the hall of the bench.
+// Expected cost of one visit relative to each other. On the hall of the bench the rays hardly mind: block costs
+// from 0.5 to 3 are within noise.
 const NODE_COST: f32 = 1.0;
 const BLOCK_COST: f32 = 1.2;
 
