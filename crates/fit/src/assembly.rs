@@ -170,8 +170,9 @@ impl System<'_> {
                 if ours {
                     let deficit = flap.vertices.iter().map(|&v| self.deficit[v as usize]).fold(0.0, f32::max);
                     let seen = self.observed.count(flap.first) + self.observed.count(flap.second);
-                    let tie = EDGE_TIE * (ENOUGH / f64::from(seen.max(1))).powi(2).clamp(1e-3, 1.0);
-                    weight += (tie + DAMPING * f64::from(deficit)) * measure + tie * AREA_FLOOR * unit;
+                    let few = (ENOUGH / f64::from(seen.max(1))).min(1.0).powi(3);
+                    let tie = (DAMPING * f64::from(deficit).max(few)).max(EDGE_TIE);
+                    weight += tie * (measure + AREA_FLOOR * EDGE_TIE * unit);
                 }
                 let mut here = 0.0;
                 for (&v, c) in flap.vertices.iter().zip(coefficients) {

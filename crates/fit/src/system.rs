@@ -5,13 +5,16 @@
 //! ```text
 //!   Σ_p w_p (f_p - g_x(p))²            the data: Schaefer eq. 2, Kavan eq. 3
 //! + alpha R(x)                         the regularizer of the options: Kavan eq. 9
-//! + Σ_flaps (EDGE_TIE + DAMPING d) E   our edge term, free for linear functions
+//! + DAMPING Σ_flaps max(d, t) E       our edge term, free for linear functions
 //! + GRAPH_TIE Σ_edges a (x_i - x_j)²   what is left: one triangle with one observation
 //! ```
 //!
 //! where `d` is how much less a flap's vertices see than their area should show them: 0 where every vertex
 //! sees at least [`SEEN_SHARE`] of `a / 6`, 1 where one sees nothing. A vertex whose only observation lies
-//! far from it is thus continued linearly from its neighbours rather than shot through that observation.
+//! far from it is thus continued linearly from its neighbours rather than shot through that observation. And
+//! `t = (ENOUGH / n)³` where the two triangles share `n` observations: vertices that see enough each may see
+//! too little together, and there noise would grow without bound. Where triangles are larger than the sample
+//! spacing `t` is nothing; where they are smaller no sample could tell their neighbours apart.
 //! Constants come out exact because each sheet is solved for the difference to its mean; linear functions
 //! cost only the last term, which is ten orders below the data.
 //!
@@ -27,13 +30,13 @@ use crate::observations::ByTriangle;
 use crate::solve::{Context, SheetSolver};
 use crate::{Bounds, Fit, FitError, FitOptions, FitReport, Held, Mass, Method, Observations};
 
-/// Weight of the edge term that is always there: where vertices see enough each but too little together, noise grows
-/// by at most `1 / √EDGE_TIE`.
-pub const EDGE_TIE: f64 = 1e-3;
-/// Observations in two neighbouring triangles from which on the edge term that is always there fades.
-pub(crate) const ENOUGH: f64 = 8.0;
-/// Weight of the edge term around a vertex that sees nothing.
+/// Weight of the edge term around a vertex that sees nothing, and between triangles that share [`ENOUGH`]
+/// observations or fewer.
 pub const DAMPING: f64 = 0.1;
+/// Observations in two neighbouring triangles from which on the edge term fades, with the third power of their number.
+pub const ENOUGH: f64 = 2.0;
+/// What the edge term never falls below.
+pub const EDGE_TIE: f64 = 1e-6;
 /// A vertex that sees this share of its expected mass needs no damping.
 pub const SEEN_SHARE: f64 = 0.1;
 /// Weight of the differences along edges that hold what even the edge term leaves open.

@@ -227,3 +227,31 @@ fn clamp_counts_what_was_outside() {
     assert!((fitted.report.farthest_outside - 0.5).abs() < 1e-5);
     assert!(fitted.values.iter().all(|v| (0.0..=1.0).contains(v)));
 }
+
+#[test]
+fn sparse_noise_is_never_wild() {
+    // Half an observation a triangle and pure noise of 0..=1: the worst that a fit can meet.
+    let (mut low, mut high, mut sum2, mut count) = (0.0_f32, 0.0_f32, 0.0, 0.0);
+    for seed in 0..40 {
+        let m = sheet(14, 0.8, seed);
+        let (all, _) = scatter(&m, 1, seed);
+        let points: Vec<_> = all.into_iter().step_by(2).collect();
+        let weights = vec![1.0 / points.len() as f32; points.len()];
+        let values: Vec<f32> = (0..points.len())
+            .map(|i| lightkiln_mesh::random::unit(lightkiln_mesh::random::hash(seed, i as u64, 9, 9)))
+            .collect();
+        let observations = Observations { points: &points, weights: &weights, values: &values, channels: 1 };
+        for alpha in [0.0, 0.01] {
+            let fitted = fit(&m, &adjacency(&m), &observations, None, &ours(alpha)).expect("fits");
+            for v in fitted.values {
+                low = low.min(v);
+                high = high.max(v);
+                sum2 += (v - 0.5) * (v - 0.5);
+                count += 1.0;
+            }
+        }
+    }
+    let deviation = (sum2 / count).sqrt();
+    assert!(low > -1.0 && high < 2.0, "{low}..{high}");
+    assert!(deviation < 0.27, "{deviation}: more than the noise itself");
+}
