@@ -98,6 +98,29 @@ impl Estimates {
             );
     }
 
+    /// The same estimates for other points: point `i` continues point `from[i]` of these, or starts anew.
+    ///
+    /// # Panics
+    /// When `from` names a point that is not there.
+    pub fn rearranged(&self, from: &[Option<u32>]) -> Self {
+        let mut out = Self {
+            rays_per_batch: self.rays_per_batch,
+            range: self.range,
+            ..Self::new(from.len(), self.channels)
+        };
+        for (to, from) in from.iter().enumerate() {
+            let Some(from) = from.map(|f| f as usize) else { continue };
+            let channels = self.channels;
+            let (to_row, from_row) =
+                (to * channels..(to + 1) * channels, from * channels..(from + 1) * channels);
+            out.mean[to_row.clone()].copy_from_slice(&self.mean[from_row.clone()]);
+            out.m2[to_row].copy_from_slice(&self.m2[from_row]);
+            out.batches[to] = self.batches[from];
+            out.backs[to] = self.backs[from];
+        }
+        out
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         self.batches.len()

@@ -14,7 +14,9 @@ use crate::{Hit, Origin, Signal, Tracer};
 /// geometric one.
 ///
 /// Batch 0 also finds the share of directions in which the first thing seen, at any distance, is the back of
-/// an opaque single-sided triangle: see [`crate::Estimates::valid`].
+/// an opaque triangle: see [`crate::Estimates::valid`]. Backs of double-sided triangles count only where
+/// nearly all that is seen are backs and nearly no light arrives: exporters mark closed parts as double-sided,
+/// and a point inside such a part is in the dark; a room of single walls that face outward is not.
 pub struct AmbientOcclusion<'a> {
     tracer: &'a Tracer<'a>,
     mesh: &'a Mesh,
@@ -29,14 +31,15 @@ impl<'a> AmbientOcclusion<'a> {
         Self { tracer, mesh, distance, seed }
     }
 
-    /// Openness in each direction, and the share of backs seen first.
+    /// Openness in each direction, and the share of backs seen first that speaks for being inside.
     ///
     /// A first hit that is opaque decides its ray; only rays behind something translucent are traced again.
     fn probe(&self, origin: Origin, directions: &[Vec3], through: &mut [f32]) -> f32 {
         let mut hits: [Option<Hit>; BATCH] = [None; BATCH];
         let hits = &mut hits[..directions.len()];
         self.tracer.first_hits(origin, directions, f32::INFINITY, hits);
-        let (mut again, mut places, mut count, mut backs) = ([Vec3::ZERO; BATCH], [0; BATCH], 0, 0);
+        let (mut again, mut places, mut count) = ([Vec3::ZERO; BATCH], [0; BATCH], 0);
+        let (mut backs, mut single_backs) = (0, 0);
         for (ray, hit) in hits.iter().enumerate() {
             through[ray] = 1.0;
             let Some(hit) = hit else { continue };
@@ -46,7 +49,9 @@ impl<'a> AmbientOcclusion<'a> {
                 count += 1;
                 continue;
             }
-            backs += u32::from(hit.back && !flags.double_sided);
+            let back = hit.back != flags.turned;
+            backs += u32::from(back);
+            single_backs += u32::from(back && !flags.double_sided);
             if hit.distance <= self.distance {
                 through[ray] = 0.0;
             }
@@ -56,26 +61,27 @@ impl<'a> AmbientOcclusion<'a> {
         for (&place, &value) in places.iter().zip(&rest).take(count) {
             through[place] = value;
         }
-        backs as f32 / directions.len() as f32
-    }
-}
-
-impl Signal for AmbientOcclusion<'_> {
-    fn channels(&self) -> usize {
-        1
+        let rays = directions.len() as f32;
+        let enclosed = backs as f32 >= ENCLOSED * rays && through.iter().sum::<f32>() <= DARK * rays;
+        if enclosed { 1.0 } else { single_backs as f32 / rays }
     }
 
-    fn rays_per_batch(&self) -> u32 {
-        BATCH as u32
-    }
-
-    fn batch(&self, point: SurfacePoint, key: u64, batch: u32, out: &mut [f32]) -> f32 {
+    /// One batch on a given side of the surface: see [`Signal::batch`]. `back` asks for the side that the
+    /// triangle's winding turns away.
+    pub fn batch_on_side(
+        &self,
+        point: SurfacePoint,
+        key: u64,
+        batch: u32,
+        back: bool,
+        out: &mut [f32],
+    ) -> f32 {
         // A point without a plane sees nothing in particular: open, and not to be trusted.
-        let Some((origin, geometric)) = Origin::on_surface(self.tracer, self.mesh, point) else {
+        let Some((origin, geometric)) = Origin::on_side(self.tracer, self.mesh, point, back) else {
             out[0] = 1.0;
             return 1.0;
         };
-        let shading = self.mesh.shading_normal(point);
+        let shading = self.mesh.shading_normal(point) * if back { -1.0 } else { 1.0 };
         let axis = if shading.dot(geometric) > 0.0 { shading } else { geometric };
         let squares = net(random::hash(self.seed, key, u64::from(batch), 0xa0));
         let mut directions = [Vec3::ZERO; BATCH];
@@ -94,6 +100,25 @@ impl Signal for AmbientOcclusion<'_> {
         };
         out[0] = through.iter().sum::<f32>() / count as f32;
         backs
+    }
+}
+
+/// All but this share of the rays meet backs, and none but this share of the light arrives, in closed parts.
+const ENCLOSED: f32 = 0.97;
+const DARK: f32 = 0.03;
+
+impl Signal for AmbientOcclusion<'_> {
+    fn channels(&self) -> usize {
+        1
+    }
+
+    fn rays_per_batch(&self) -> u32 {
+        BATCH as u32
+    }
+
+    fn batch(&self, point: SurfacePoint, key: u64, batch: u32, out: &mut [f32]) -> f32 {
+        let back = self.tracer.surfaces().flags(point.triangle).turned;
+        self.batch_on_side(point, key, batch, back, out)
     }
 }
 

@@ -28,11 +28,21 @@ impl Origin {
     /// The start of the rays of a surface point, on the front of its triangle, and the triangle's unit normal
     /// there; none for a triangle without area.
     pub fn on_surface(tracer: &Tracer<'_>, mesh: &Mesh, point: SurfacePoint) -> Option<(Self, Vec3)> {
+        Self::on_side(tracer, mesh, point, false)
+    }
+
+    /// The same on the front or on the `back` of the triangle; the normal points to that side.
+    pub fn on_side(
+        tracer: &Tracer<'_>,
+        mesh: &Mesh,
+        point: SurfacePoint,
+        back: bool,
+    ) -> Option<(Self, Vec3)> {
         let corners = mesh.corners(point.triangle).map(|p| tracer.normalize(p).as_dvec3());
         let [a, b, c] = corners;
         let cross = (b - a).cross(c - a);
         let twice_area = cross.length();
-        let normal = cross.normalize_or_zero();
+        let normal = if back { -cross.normalize_or_zero() } else { cross.normalize_or_zero() };
         if normal == DVec3::ZERO {
             return None;
         }

@@ -17,13 +17,16 @@ use crate::{LightError, Origin};
 pub struct SurfaceFlags {
     /// A ray may go on behind it, weakened by [`Surfaces::opacity`].
     pub translucent: bool,
-    /// Its back is as good as its front: seeing it does not mean to be inside.
+    /// Its back is as good as its front: seeing it does not by itself mean to be inside.
     pub double_sided: bool,
+    /// Its back is the side that is seen: light is wanted there, and its front is what faces the inside.
+    pub turned: bool,
 }
 
 /// What a tracer asks about the surfaces of a mesh.
 pub trait Surfaces: Sync {
-    /// What a triangle is to a ray; asked once when the tracer is built, and for back faces that are met.
+    /// What a triangle is to a ray; asked once when the tracer is built (for
+    /// `translucent`), and again wherever the sides matter, so that these may be decided with the tracer's help.
     fn flags(&self, triangle: TriangleId) -> SurfaceFlags;
     /// The share of a ray that ends at a point, in `0..=1`. Asked only where the flags say translucent.
     ///

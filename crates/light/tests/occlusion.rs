@@ -238,7 +238,7 @@ fn points_inside_other_geometry_are_not_valid() {
     struct Cloth;
     impl Surfaces for Cloth {
         fn flags(&self, _: TriangleId) -> SurfaceFlags {
-            SurfaceFlags { translucent: false, double_sided: true }
+            SurfaceFlags { translucent: false, double_sided: true, turned: false }
         }
         fn opacity(&self, _: TriangleId, _: [f32; 2]) -> f32 {
             1.0
@@ -253,7 +253,7 @@ fn translucent_lid_dims_by_its_opacity() {
     struct Lid;
     impl Surfaces for Lid {
         fn flags(&self, triangle: TriangleId) -> SurfaceFlags {
-            SurfaceFlags { translucent: triangle.0 >= 2, double_sided: false }
+            SurfaceFlags { translucent: triangle.0 >= 2, double_sided: false, turned: false }
         }
         fn opacity(&self, _: TriangleId, _: [f32; 2]) -> f32 {
             0.4

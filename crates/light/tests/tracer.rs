@@ -300,7 +300,7 @@ struct Glass(f32);
 
 impl Surfaces for Glass {
     fn flags(&self, triangle: TriangleId) -> SurfaceFlags {
-        SurfaceFlags { translucent: triangle.0 % 2 == 1, double_sided: false }
+        SurfaceFlags { translucent: triangle.0 % 2 == 1, double_sided: false, turned: false }
     }
     fn opacity(&self, triangle: TriangleId, barycentric: [f32; 2]) -> f32 {
         assert!(triangle.0 % 2 == 1, "asked for translucent triangles only");

@@ -10,6 +10,7 @@
 //! | [`candidates`] | stratified candidates: area-uniform ones, and one in each small piece of the surface |
 //! | [`poisson`] | the greedy choice among candidates, in blocks of space that run in parallel |
 //! | [`support`] | samples added for light vertices that would see none |
+//! | [`denser`] | one more sample in chosen triangles |
 //! | [`areas`] | the surface area that each sample stands for |
 //! | [`fresh`] | area-uniform points for verification, independent of the samples |
 //!
@@ -19,6 +20,7 @@
 mod areas;
 mod candidates;
 mod fresh;
+mod denser;
 mod poisson;
 mod support;
 #[cfg(test)]
