@@ -83,8 +83,12 @@ impl BakeError {
             }
             Self::NotBaked { .. } => Some("bake it first: lightkiln bake IN.glb -o OUT.glb".into()),
             Self::Sample(_) => Some("ask for a larger --detail or fewer --samples".into()),
-            Self::Chart(_) | Self::Pack(_) | Self::Encode(_) => Some("ask for a larger --detail or a larger --max-error".into()),
-            Self::ReadBack { .. } => Some("this is a fault of lightkiln: please report it with the file".into()),
+            Self::Chart(_) | Self::Pack(_) | Self::Encode(_) => {
+                Some("ask for a larger --detail or a larger --max-error".into())
+            }
+            Self::ReadBack { .. } => {
+                Some("this is a fault of lightkiln: please report it with the file".into())
+            }
             _ => None,
         }
     }

@@ -121,7 +121,12 @@ fn ray_figures(all: &Everything<'_>, verify_rays: u64) -> RayFigures {
     RayFigures {
         poisson_samples: count - support_samples,
         support_samples,
-        invalid_samples: lit.weights.iter().zip(&lit.samples.areas).filter(|(w, a)| **w == 0.0 && **a > 0.0).count(),
+        invalid_samples: lit
+            .weights
+            .iter()
+            .zip(&lit.samples.areas)
+            .filter(|(w, a)| **w == 0.0 && **a > 0.0)
+            .count(),
         shaded_texels: all.shown.shaded_texels,
         sample_rays: lit.estimates.rays(),
         texel_rays: all.shown.texel_rays,

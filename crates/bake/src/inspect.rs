@@ -177,7 +177,12 @@ impl Inspection {
                 line("", format!("{total}: attribute {attribute}, atlas {atlas} + mips {mips}"));
                 if let Some((pages, [width, height])) = self.atlas {
                     let triangles = count(self.texture_triangles);
-                    line("", format!("{triangles} texture triangles, {pages} page(s) of {width} x {height} texels"));
+                    line(
+                        "",
+                        format!(
+                            "{triangles} texture triangles, {pages} page(s) of {width} x {height} texels"
+                        ),
+                    );
                 }
                 line("", format!("COLOR_0 fallback {}", bytes_text(self.fallback)));
             }

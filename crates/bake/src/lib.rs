@@ -73,6 +73,7 @@ pub fn bake(
     clock.stage("light");
     let tracer = Tracer::new(&surface.mesh, &surface)?;
     let signal = AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, plan.seed);
+    surface.turn_hidden_sheets(&AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, 0));
     let lit = shade::light_fit_classify(&surface, &signal, samples, &plan, &mut clock)?;
     let seen = verify::seen_points(&surface, &signal, lit.estimates.rays(), &plan, &mut clock);
     let shown = rounds::chart_texel_encode(&surface, &signal, &lit, &seen, &plan, &mut clock)?;

@@ -33,28 +33,31 @@ impl Quality {
         match self {
             Self::Draft => Effort {
                 samples: 60_000,
+                denser_rounds: 1,
                 sample_batches: [2, 8],
                 texel_batches: [2, 6],
                 texel_noise: 0.02,
-                rounds: 4,
+                rounds: 16,
                 reference_batches: 32,
                 check_points: 1_500,
             },
             Self::Normal => Effort {
                 samples: 250_000,
+                denser_rounds: 2,
                 sample_batches: [4, 32],
                 texel_batches: [4, 24],
                 texel_noise: 0.01,
-                rounds: 6,
+                rounds: 16,
                 reference_batches: 64,
                 check_points: 12_000,
             },
             Self::Final => Effort {
                 samples: 1_000_000,
+                denser_rounds: 3,
                 sample_batches: [8, 128],
                 texel_batches: [8, 96],
                 texel_noise: 0.005,
-                rounds: 8,
+                rounds: 16,
                 reference_batches: 128,
                 check_points: 40_000,
             },
@@ -67,6 +70,8 @@ impl Quality {
 pub struct Effort {
     /// About this many Poisson samples over the whole surface.
     pub samples: usize,
+    /// How often triangles that know too little of their light get one more sample.
+    pub denser_rounds: usize,
     /// Batches that every sample gets, and the most that an open decision may spend on one.
     pub sample_batches: [u16; 2],
     /// Batches that every texel gets, and the most that a noisy one may.
@@ -146,8 +151,9 @@ pub struct Plan {
 /// A decision counts as certain at this many standard errors.
 pub const CONFIDENCE: f32 = 3.0;
 
-/// Empty texels kept around a chart: two keep the bilinear lookup and one mip level clean.
-pub const GUTTER_TEXELS: u32 = 2;
+/// Empty texels kept around a chart: one keeps the bilinear lookup and the first mip level clean. Two would
+/// cost 33 to 53 % more blocks (docs/PACKING.md).
+pub const GUTTER_TEXELS: u32 = 1;
 
 impl Plan {
     /// Fills in the defaults.

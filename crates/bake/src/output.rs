@@ -62,7 +62,9 @@ pub fn write(
     let light = BakedLight {
         parts,
         atlas: has_atlas.then(|| pages(shown)).transpose()?,
-        extension: ExtensionInfo { root: serde_json::to_value(&extension).expect("plain numbers and strings") },
+        extension: ExtensionInfo {
+            root: serde_json::to_value(&extension).expect("plain numbers and strings"),
+        },
         fallback: options.fallback,
     };
     let file = lightkiln_scene::write(surface.scene, &light, output)?;
@@ -106,7 +108,8 @@ fn write_exrs(shown: &Shown, output: &Path) -> Result<Vec<PathBuf>, BakeError> {
         let path = output.with_file_name(format!("{stem}.lightkiln.{number}.exr"));
         let mut bytes = std::io::Cursor::new(Vec::new());
         write_exr(&mut bytes, shown.atlas.size, 1, ExrDepth::Half, page)?;
-        write_whole(&path, bytes.get_ref()).map_err(|source| BakeError::Write { path: path.clone(), source })?;
+        write_whole(&path, bytes.get_ref())
+            .map_err(|source| BakeError::Write { path: path.clone(), source })?;
         outputs.push(path);
     }
     Ok(outputs)

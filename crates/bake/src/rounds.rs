@@ -16,10 +16,8 @@ use lightkiln_encode::{
 use lightkiln_fit::{Held, Observations, fit};
 use lightkiln_light::{Estimates, Signal};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
-use lightkiln_texel::{
-    Atlas, ChartTexels, PngDepth, StitchOptions, StitchReport, compose, lift, stitch,
-};
 use lightkiln_texel::image::quantize;
+use lightkiln_texel::{Atlas, ChartTexels, PngDepth, StitchOptions, StitchReport, compose, lift, stitch};
 use rayon::prelude::*;
 
 use crate::clock::Clock;
@@ -30,6 +28,9 @@ use crate::{BakeError, Surface};
 
 /// Steps of closing (Schaefer 4.2: "we apply this operation twice").
 const CLOSING_STEPS: usize = 2;
+
+/// Rounds that promote no more than what is wrong.
+const PATIENT_ROUNDS: usize = 4;
 
 /// What the file will show.
 pub struct Shown {
@@ -147,6 +148,10 @@ pub fn chart_texel_encode(
         promoted += wrong.len();
         for triangle in wrong {
             is_texture[triangle.index()] = true;
+            // What is wrong ripples outward from the new texels, a triangle a round. Late rounds go ahead of it.
+            if round >= PATIENT_ROUNDS {
+                surface.adjacency.neighbors(triangle).for_each(|(_, next)| is_texture[next.index()] = true);
+            }
         }
     }
     unreachable!("the last round returns")
@@ -155,8 +160,9 @@ pub fn chart_texel_encode(
 /// What texels and split vertices cost, before anything is packed.
 fn prices(surface: &Surface<'_>, plan: &Plan) -> PromotionPrices {
     let vertices: usize = surface.scene.parts.iter().map(|p| p.positions.len()).sum();
-    let bytes: usize =
-        (0..surface.scene.parts.len()).map(|p| surface.scene.parts[p].positions.len() * surface.scene.vertex_stride(p)).sum();
+    let bytes: usize = (0..surface.scene.parts.len())
+        .map(|p| surface.scene.parts[p].positions.len() * surface.scene.vertex_stride(p))
+        .sum();
     PromotionPrices {
         vertex_bytes: bytes as f64 / vertices.max(1) as f64 + f64::from(LIGHT_STRIDE),
         texel_size: plan.radius,
@@ -410,7 +416,8 @@ fn wrong_triangles(
     plan: &Plan,
 ) -> Result<Vec<TriangleId>, BakeError> {
     let view = shown.stored.view()?;
-    let show = |p: SurfacePoint| decode(shown.codes.of_triangle(&surface.mesh, p.triangle), p.barycentric, &view);
+    let show =
+        |p: SurfacePoint| decode(shown.codes.of_triangle(&surface.mesh, p.triangle), p.barycentric, &view);
     let color = |p: SurfacePoint| !is_texture[p.triangle.index()];
     let checked: Vec<usize> = (0..lit.samples.points.len())
         .filter(|&i| lit.weights[i] > 0.0 && color(lit.samples.points[i]))

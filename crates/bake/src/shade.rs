@@ -50,11 +50,13 @@ pub fn light_fit_classify(
     clock: &mut Clock<'_>,
 ) -> Result<Lit, BakeError> {
     let [first, most] = plan.effort.sample_batches;
+    let mut samples = samples;
     let mut estimates = Estimates::new(samples.points.len(), signal.channels());
     let mut wanted = vec![first; samples.points.len()];
     clock.stage("light");
     refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
-    let weights = weights(surface, &samples, &estimates);
+    let mut weights = weights(surface, &samples, &estimates);
+    let mut densified = 0;
     loop {
         clock.stage("fit");
         let values = fit_vertices(surface, &samples, &estimates, &weights)?;
@@ -70,12 +72,54 @@ pub fn light_fit_classify(
             }
         }
         if open == 0 {
-            let needs_texture = verdicts.iter().map(|v| *v == Verdict::Texture).collect();
-            return Ok(Lit { samples, estimates, weights, values, needs_texture });
+            let unsure = if densified < plan.effort.denser_rounds {
+                unsure_triangles(surface, &samples, &values, &verdicts, plan)
+            } else {
+                Vec::new()
+            };
+            if unsure.is_empty() {
+                let needs_texture = verdicts.iter().map(|v| *v == Verdict::Texture).collect();
+                return Ok(Lit { samples, estimates, weights, values, needs_texture });
+            }
+            densified += 1;
+            let (denser, from) = samples.denser(&surface.mesh, &unsure, plan.seed);
+            estimates = estimates.rearranged(&from);
+            wanted = from.iter().map(|f| f.map_or(first, |f| wanted[f as usize])).collect();
+            samples = denser;
         }
         clock.stage("light");
         refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
+        if open == 0 {
+            weights = self::weights(surface, &samples, &estimates);
+        }
     }
+}
+
+/// A triangle with this many samples knows its light as well as three vertex values can.
+const ENOUGH_SAMPLES: usize = 4;
+
+/// Triangles smaller than this share of a squared radius are left alone: too small to be seen, and on CAD
+/// meshes too many.
+const LEAST_AREA: f64 = 0.01;
+
+/// Color triangles whose values differ by more than the bound while fewer samples than unknowns speak for them:
+/// a fit goes through all of these samples and may be anything between them.
+fn unsure_triangles(
+    surface: &Surface<'_>,
+    samples: &Samples,
+    values: &[f32],
+    verdicts: &[Verdict],
+    plan: &Plan,
+) -> Vec<TriangleId> {
+    let mesh = &surface.mesh;
+    let least = LEAST_AREA * f64::from(plan.radius).powi(2);
+    mesh.triangle_ids()
+        .filter(|&t| verdicts[t.index()] != Verdict::Texture && samples.of_triangle(t).len() < ENOUGH_SAMPLES)
+        .filter(|&t| {
+            let [a, b, c] = mesh.triangles[t.index()].map(|v| values[v.index()]);
+            a.max(b).max(c) - a.min(b).min(c) > plan.max_error && mesh.area(t) > least
+        })
+        .collect()
 }
 
 /// Shades samples with as many batches each and fits the vertices: least squares alone, for pictures.

@@ -1,8 +1,11 @@
 //! From the scene's parts to one light mesh, and back from its triangles to the file's.
 
-use lightkiln_light::{SurfaceFlags, Surfaces};
-use lightkiln_mesh::{Adjacency, Fans, Mesh, Source, SurfacePoint, TriangleId, VertexId, weld};
+use std::sync::OnceLock;
+
+use lightkiln_light::{AmbientOcclusion, SurfaceFlags, Surfaces};
+use lightkiln_mesh::{Adjacency, Fans, Mesh, Source, SurfacePoint, TriangleId, VertexId, random, weld};
 use lightkiln_scene::Scene;
+use rayon::prelude::*;
 
 use crate::BakeError;
 
@@ -22,6 +25,13 @@ pub struct Surface<'a> {
     /// First triangle of each part, and the end.
     part_starts: Vec<u32>,
     flags: Vec<SurfaceFlags>,
+    /// Per sheet: its back is the side that is seen.
+    turned: OnceLock<TurnedSheets>,
+}
+
+struct TurnedSheets {
+    sheet_of: Vec<u32>,
+    turned: Vec<bool>,
 }
 
 impl<'a> Surface<'a> {
@@ -52,7 +62,11 @@ impl<'a> Surface<'a> {
             part_starts.push(triangles.len() as u32);
             flags.extend((0..part.triangles.len()).map(|t| {
                 let flags = scene.triangle_flags(number, t);
-                SurfaceFlags { translucent: flags.translucent, double_sided: flags.double_sided }
+                SurfaceFlags {
+                    translucent: flags.translucent,
+                    double_sided: flags.double_sided,
+                    turned: false,
+                }
             }));
         }
         let mesh = weld(Source {
@@ -67,7 +81,7 @@ impl<'a> Surface<'a> {
             return Err(BakeError::NothingToBake { file: file.to_owned() });
         }
         let (adjacency, fans) = (Adjacency::new(&mesh), Fans::new(&mesh));
-        Ok(Self { scene, mesh, adjacency, fans, part_starts, flags })
+        Ok(Self { scene, mesh, adjacency, fans, part_starts, flags, turned: OnceLock::new() })
     }
 
     /// The part of the scene that a triangle belongs to, and its number there.
@@ -96,9 +110,70 @@ impl<'a> Surface<'a> {
     }
 }
 
+/// Points at which a sheet is looked at from both sides, at most and at least.
+const SIDE_POINTS: [usize; 2] = [4, 64];
+
+/// A double-sided sheet is seen from its back when its front is darker than this, and its back brighter by
+/// more than the second number.
+const DARK_FRONT: f32 = 0.03;
+const BRIGHTER_BACK: f32 = 0.15;
+
+impl Surface<'_> {
+    /// Finds the double-sided sheets whose front faces the inside of something (tyres and caps are often
+    /// exported so), and from then on asks for the light on their backs. To be called once.
+    ///
+    /// The decision depends on the geometry and the signal's distance only, so that a later look at the same
+    /// file comes to the same one.
+    pub fn turn_hidden_sheets(&self, occlusion: &AmbientOcclusion<'_>) {
+        let (sheet_of, count) = lightkiln_mesh::sheets(&self.mesh);
+        let mut triangles: Vec<Vec<TriangleId>> = vec![Vec::new(); count];
+        let mut open_to_question = vec![true; count];
+        for t in self.mesh.triangle_ids() {
+            let sheet = sheet_of[t.index()] as usize;
+            open_to_question[sheet] &= self.flags[t.index()].double_sided;
+            triangles[sheet].push(t);
+        }
+        let turned = triangles
+            .par_iter()
+            .zip(&open_to_question)
+            .map(|(triangles, &open)| open && self.is_seen_from_behind(triangles, occlusion))
+            .collect();
+        // A second call finds the same and changes nothing.
+        let _ = self.turned.set(TurnedSheets { sheet_of, turned });
+    }
+
+    fn is_seen_from_behind(&self, triangles: &[TriangleId], occlusion: &AmbientOcclusion<'_>) -> bool {
+        let count = triangles.len().clamp(SIDE_POINTS[0], SIDE_POINTS[1]);
+        let total: f64 = triangles.iter().map(|&t| self.mesh.area(t)).sum();
+        let (mut front, mut back, mut before, mut next) = (0.0, 0.0, 0.0, 0);
+        for &triangle in triangles {
+            before += self.mesh.area(triangle);
+            // Equally spaced by area, as many as fall into this triangle.
+            while next < count && (next as f64 + 0.5) / count as f64 * total <= before {
+                let key = random::hash(0, u64::from(triangle.0), next as u64, 0);
+                let barycentric = random::square_to_triangle(random::unit2(key));
+                let point = SurfacePoint { triangle, barycentric };
+                for (side, sum) in [(false, &mut front), (true, &mut back)] {
+                    let mut out = [0.0];
+                    occlusion.batch_on_side(point, key, 1, side, &mut out);
+                    *sum += out[0] / count as f32;
+                }
+                next += 1;
+            }
+        }
+        front < DARK_FRONT && back > front + BRIGHTER_BACK
+    }
+
+    /// How many triangles show the light on their back.
+    pub fn turned_triangles(&self) -> usize {
+        self.mesh.triangle_ids().filter(|&t| self.flags(t).turned).count()
+    }
+}
+
 impl Surfaces for Surface<'_> {
     fn flags(&self, triangle: TriangleId) -> SurfaceFlags {
-        self.flags[triangle.index()]
+        let turned = self.turned.get().is_some_and(|t| t.turned[t.sheet_of[triangle.index()] as usize]);
+        SurfaceFlags { turned, ..self.flags[triangle.index()] }
     }
 
     fn opacity(&self, triangle: TriangleId, barycentric: [f32; 2]) -> f32 {

@@ -170,7 +170,8 @@ pub fn written_file(
     clock: &mut Clock<'_>,
 ) -> Result<(Errors, u64), BakeError> {
     clock.stage("verify");
-    let scene = Scene::read(&written.scene, &ReadOptions { scene: written.scene_number, ..ReadOptions::default() })?;
+    let scene =
+        Scene::read(&written.scene, &ReadOptions { scene: written.scene_number, ..ReadOptions::default() })?;
     let file = crate::file_name(&written.scene);
     let light = FileLight::read(&scene, &file)?;
     let again = Surface::new(&scene, &file)?;
@@ -205,7 +206,8 @@ fn samples_beyond(
             .into_par_iter()
             .filter(|&i| lit.weights[i] > 0.0 && counts(lit.samples.points[i]))
     };
-    let beyond = checked().filter(|&i| lit.is_beyond(i, shown(lit.samples.points[i]), plan.max_error)).count();
+    let beyond =
+        checked().filter(|&i| lit.is_beyond(i, shown(lit.samples.points[i]), plan.max_error)).count();
     [beyond, checked().count()]
 }
 
@@ -231,7 +233,8 @@ fn point_samples(
     clock: &Clock<'_>,
 ) -> (Vec<f32>, u64) {
     let mesh = &surface.mesh;
-    let mut vertices: Vec<VertexId> = fresh.points.iter().flat_map(|p| mesh.triangles[p.triangle.index()]).collect();
+    let mut vertices: Vec<VertexId> =
+        fresh.points.iter().flat_map(|p| mesh.triangles[p.triangle.index()]).collect();
     vertices.sort_unstable();
     vertices.dedup();
     let points: Vec<SurfacePoint> = vertices.iter().map(|&v| surface.point_at(v)).collect();
@@ -275,6 +278,7 @@ pub fn verify_file(
     let tracer = Tracer::new(&surface.mesh, &surface)?;
     let distance = light.extension.distance.unwrap_or(f32::INFINITY);
     let signal = AmbientOcclusion::new(&tracer, &surface.mesh, distance, options.seed ^ VERIFY_STREAM);
+    surface.turn_hidden_sheets(&AmbientOcclusion::new(&tracer, &surface.mesh, distance, 0));
     clock.stage("verify");
     let batches = options.rays.div_ceil(signal.rays_per_batch()).clamp(2, u32::from(u16::MAX)) as u16;
     let seed = options.seed ^ VERIFY_STREAM;

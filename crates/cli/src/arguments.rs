@@ -293,7 +293,7 @@ pub struct Render {
     /// Where to look from: front, back, left, right, top, bottom, three-quarter, or AZIMUTH,ELEVATION in degrees
     #[arg(long, default_value = "three-quarter", allow_hyphen_values = true)]
     pub view: String,
-    /// Fill the picture with this share of the scene around its middle; below 1 goes closer
+    /// 2 shows half as much of the scene, and so on
     #[arg(long, default_value_t = 1.0)]
     pub zoom: f32,
     /// Look at this point instead of the middle of the scene
@@ -353,7 +353,8 @@ mod tests {
     #[test]
     fn settings_command_line_wins_over_file() {
         let file: BakeSettings =
-            toml::from_str("max-error = 0.01\ndetail = 0.5\nmax-bytes = \"2MiB\"\nquality = \"draft\"").unwrap();
+            toml::from_str("max-error = 0.01\ndetail = 0.5\nmax-bytes = \"2MiB\"\nquality = \"draft\"")
+                .unwrap();
         let line = BakeSettings { samples: Some(10), max_error: Some(0.02), ..Default::default() };
         let both = line.or(file);
         assert_eq!((both.max_error, both.detail, both.samples), (Some(0.02), None, Some(10)));

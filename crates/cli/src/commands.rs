@@ -102,7 +102,11 @@ fn over_budget(total: u64, limit: u64, largest: &[lightkiln_report::Contributor]
         largest.iter().take(3).map(|c| format!("{} {}", c.name, bytes_text(c.bytes))).collect();
     Failure::new(
         Exit::Budget,
-        format!("the light takes {} on the GPU, {} more than allowed", bytes_text(total), bytes_text(total - limit)),
+        format!(
+            "the light takes {} on the GPU, {} more than allowed",
+            bytes_text(total),
+            bytes_text(total - limit)
+        ),
     )
     .place(format!("largest: {}", names.join(", ")))
     .remedy("raise --max-error or --detail, or the budget")
@@ -116,7 +120,9 @@ fn run_inspect(arguments: &Inspect) -> Result<Exit, Failure> {
         print(&inspection.to_text())?;
     }
     match (arguments.max_bytes, inspection.light_bytes()) {
-        (Some(limit), Some(total)) if total > limit.0 => Err(over_budget(total, limit.0, &inspection.largest)),
+        (Some(limit), Some(total)) if total > limit.0 => {
+            Err(over_budget(total, limit.0, &inspection.largest))
+        }
         _ => Ok(Exit::Done),
     }
 }
@@ -133,7 +139,8 @@ fn run_verify(arguments: &Verify) -> Result<Exit, Failure> {
     stages.finish();
     let errors = verified?;
     if arguments.common.json {
-        let mut text = serde_json::to_string_pretty(&errors).map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
+        let mut text =
+            serde_json::to_string_pretty(&errors).map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
         text.push('\n');
         print(&text)?;
     } else if !arguments.common.quiet {

@@ -22,8 +22,9 @@ use crate::progress::Stages;
 pub fn run(arguments: &Render) -> Result<Exit, Failure> {
     use_threads(&arguments.common)?;
     let view = View::parse(&arguments.view).ok_or_else(|| {
-        Failure::new(Exit::Usage, format!("{:?} is no view", arguments.view))
-            .remedy("use front, back, left, right, top, bottom, three-quarter, or AZIMUTH,ELEVATION in degrees")
+        Failure::new(Exit::Usage, format!("{:?} is no view", arguments.view)).remedy(
+            "use front, back, left, right, top, bottom, three-quarter, or AZIMUTH,ELEVATION in degrees",
+        )
     })?;
     if !(arguments.zoom.is_finite() && arguments.zoom > 0.0) {
         return Err(Failure::new(Exit::Usage, format!("--zoom is {}, but must be above 0", arguments.zoom)));
@@ -62,11 +63,12 @@ fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Pic
         Some(light) => light.extension.distance.unwrap_or(f32::INFINITY),
         None => diagonal * options::DEFAULT_DISTANCE,
     };
+    surface.turn_hidden_sheets(&AmbientOcclusion::new(&tracer, &surface.mesh, distance, 0));
     let target = match arguments.target.as_deref() {
-        Some([x, y, z]) => Vec3::new(*x, *y, *z),
-        _ => (low + high) / 2.0,
+        Some([x, y, z]) => Some(Vec3::new(*x, *y, *z)),
+        _ => None,
     };
-    let camera = Camera::framing(target, diagonal / 2.0, view, arguments.zoom);
+    let camera = Camera::framing(&surface.mesh.positions, target, view, arguments.zoom);
     let studio = Studio {
         surface: &surface,
         tracer: &tracer,

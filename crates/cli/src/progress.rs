@@ -18,7 +18,9 @@ impl Stages {
     pub fn new(quiet: bool) -> Self {
         let bar = (!quiet && std::io::stderr().is_terminal()).then(|| {
             let bar = ProgressBar::new(1000);
-            if let Ok(style) = ProgressStyle::with_template("{msg:>10} {wide_bar} {percent:>3} % {elapsed} left {eta}") {
+            if let Ok(style) =
+                ProgressStyle::with_template("{msg:>10} {wide_bar} {percent:>3} % {elapsed} left {eta}")
+            {
                 bar.set_style(style);
             }
             bar

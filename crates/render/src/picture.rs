@@ -31,8 +31,8 @@ pub struct Picture {
     pub pixels: Vec<Vec3>,
 }
 
-/// What a picture shows where it sees nothing: a bright studio wall.
-const BACKGROUND: Vec3 = Vec3::splat(0.82);
+/// What a picture shows where it sees nothing: a wall that neither open nor closed light is lost against.
+const BACKGROUND: Vec3 = Vec3::new(0.28, 0.32, 0.38);
 
 /// Places within a pixel, rotated so that edges of all slopes are smooth.
 const PLACES: [[f32; 2]; 4] = [[0.375, 0.125], [0.875, 0.375], [0.125, 0.625], [0.625, 0.875]];
@@ -65,12 +65,7 @@ pub fn render(
 }
 
 /// The first hit that a viewer would show: no back of a single-sided triangle, nothing mostly transparent.
-fn first_visible(
-    tracer: &Tracer<'_>,
-    surfaces: &dyn Surfaces,
-    origin: Vec3,
-    direction: Vec3,
-) -> Option<Hit> {
+fn first_visible(tracer: &Tracer<'_>, surfaces: &dyn Surfaces, origin: Vec3, direction: Vec3) -> Option<Hit> {
     let mut start = 0.0_f32;
     for _ in 0..MOST_LAYERS {
         let mut hit = tracer.closest(origin + direction * start, direction, f32::INFINITY)?;

@@ -112,7 +112,7 @@ fn rays(out: &mut String, report: &Report) {
         out,
         "samples",
         &format!(
-            "{} Poisson + {} for bare vertices, {} inside geometry; noise {:.4} median, {:.4} at 99 %",
+            "{} Poisson + {} where vertices need more, {} inside geometry; noise {:.4} median, {:.4} at 99 %",
             count(rays.poisson_samples as u64),
             count(rays.support_samples as u64),
             count(rays.invalid_samples as u64),
