@@ -109,12 +109,14 @@ impl Patch<'_> {
         }
     }
 
-    /// The name of the binary file, which no other resource may have.
+    /// The name of the binary file, which no other resource may have; beside the input not even the buffer that
+    /// the new one stands for, because the input still needs it.
     fn bin_name(&self, path: &Path) -> String {
         let plain = format!("{}.bin", stem(path));
+        let beside = self.document.path.as_deref().is_some_and(|input| same_folder(input, path));
         let clash = self
             .resources()
-            .any(|(owner, relative)| owner != Some(self.main) && relative == Path::new(&plain));
+            .any(|(owner, relative)| (beside || owner != Some(self.main)) && relative == Path::new(&plain));
         if clash { format!("{}.lightkiln.bin", stem(path)) } else { plain }
     }
 
@@ -131,14 +133,10 @@ impl Patch<'_> {
 
     /// Copies what the scene refers to beside the output, where it is not there yet.
     fn copy_resources(&mut self, path: &Path) -> Result<(), SceneError> {
-        let folder =
-            |p: &Path| p.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned();
-        let Some(from) = self.document.path.as_deref().map(folder) else { return Ok(()) };
-        let to = folder(path);
-        let real = |p: &Path| p.canonicalize().unwrap_or_else(|_| p.to_owned());
-        if real(&from) == real(&to) {
+        let Some(input) = self.document.path.as_deref().filter(|input| !same_folder(input, path)) else {
             return Ok(());
-        }
+        };
+        let (from, to) = (folder(input), folder(path));
         let wanted: std::collections::BTreeSet<PathBuf> =
             self.resources().filter(|(owner, _)| *owner != Some(self.main)).map(|(_, path)| path).collect();
         for relative in wanted {
@@ -169,6 +167,15 @@ impl Patch<'_> {
         }
         Ok(())
     }
+}
+
+fn folder(path: &Path) -> &Path {
+    path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+fn same_folder(a: &Path, b: &Path) -> bool {
+    let real = |p: &Path| folder(p).canonicalize().unwrap_or_else(|_| folder(p).to_owned());
+    real(a) == real(b)
 }
 
 /// The name of a file without its ending.

@@ -107,6 +107,9 @@ pub enum SceneError {
     /// A number that names an object that does not exist.
     #[error("{field} is {index}, but there are only {count}")]
     Reference { field: String, index: u64, count: usize, place: Box<Place> },
+    /// A scene was asked for that the file does not have.
+    #[error("scene {scene} was asked for, but the file has {count}, counted from 0")]
+    NoScene { scene: usize, count: usize, place: Box<Place> },
     /// A property that is missing or has a value that glTF does not allow.
     #[error("{field} is {found}, expected {expected}")]
     Value { field: String, found: String, expected: &'static str, place: Box<Place> },
@@ -153,6 +156,7 @@ macro_rules! every_place {
             | SceneError::NoData { place, .. }
             | SceneError::Truncated { place, .. }
             | SceneError::Reference { place, .. }
+            | SceneError::NoScene { place, .. }
             | SceneError::Value { place, .. }
             | SceneError::VertexIndex { place, .. }
             | SceneError::NotFinite { place, .. }
@@ -184,13 +188,15 @@ impl SceneError {
     /// What to do about it.
     pub fn remedy(&self) -> &'static str {
         match self {
-            Self::Io { .. } => "check that the file exists and may be accessed",
+            Self::Io { action: "read", .. } => "check that the file is there and may be read",
+            Self::Io { .. } => "check that the folder exists, is writable and has room",
             Self::Container { .. } | Self::Json { .. } | Self::Truncated { .. } => {
                 "export the file again, or fetch it again if it was cut off"
             }
             Self::Version { .. } => "export as glTF 2.0",
             Self::Outside { .. } => "put the file beside or below the scene, or pack everything into a .glb",
-            Self::NoData { .. } => "put the missing file beside the scene, or pack everything into a .glb",
+            Self::NoData { .. } => "give the buffer its data, or pack everything into a .glb",
+            Self::NoScene { .. } => "name one of the file's scenes",
             Self::Reference { .. } | Self::Value { .. } | Self::Count { .. } => {
                 "run gltf-validator on the file and export it again"
             }

@@ -185,7 +185,7 @@ fn read_texture(
             let decoded = document.image(source).map(|bytes| decode_alpha(&bytes));
             let decoded = match decoded {
                 Ok(Some(image)) => Some(Arc::new(image)),
-                Ok(None) | Err(SceneError::NoData { .. }) => {
+                Ok(None) | Err(SceneError::NoData { .. } | SceneError::Io { .. }) => {
                     let what = format!("images[{source}]");
                     let place = Place { attribute: Some(what), ..Place::default() };
                     warnings.add("alpha of textures that cannot be decoded is taken as 1", 1, place);

@@ -13,8 +13,8 @@ use crate::uri;
 pub enum ErrorKind {
     /// A file cannot be read or written.
     Files,
-    /// The name of the output is none that can be written.
-    Output,
+    /// The request does not fit the file: a scene that it does not have, an output name that is none.
+    Request,
     /// The input needs something that is not supported.
     Unsupported,
     /// The input is invalid.
@@ -26,7 +26,7 @@ impl SceneError {
     pub fn kind(&self) -> ErrorKind {
         match self {
             Self::Io { .. } => ErrorKind::Files,
-            Self::OutputName { .. } => ErrorKind::Output,
+            Self::OutputName { .. } | Self::NoScene { .. } => ErrorKind::Request,
             Self::Unsupported { .. } => ErrorKind::Unsupported,
             _ => ErrorKind::Invalid,
         }

@@ -64,7 +64,9 @@ impl Nodes {
         }
         let scenes = document.list("scenes");
         let wanted = match scene {
-            Some(n) if n >= scenes.len() => return Err(reference("scene", n as u64, scenes.len())),
+            Some(scene) if scene >= scenes.len() => {
+                return Err(SceneError::NoScene { scene, count: scenes.len(), place: Box::default() });
+            }
             Some(n) => Some(n),
             None => index(&document.root, "scene", scenes.len())?.or((!scenes.is_empty()).then_some(0)),
         };

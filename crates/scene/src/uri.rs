@@ -6,7 +6,7 @@ use base64::Engine as _;
 use base64::alphabet;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
-use crate::error::SceneError;
+use crate::error::{Place, SceneError};
 
 const BASE64: GeneralPurpose = GeneralPurpose::new(
     &alphabet::STANDARD,
@@ -102,9 +102,9 @@ pub(crate) fn load(uri: &str, owner: &str, folder: Option<&Path>) -> Result<Vec<
     } else {
         path
     };
-    std::fs::read(&path).map_err(|source| match source.kind() {
-        std::io::ErrorKind::NotFound => no_data(owner, format!("{} does not exist", path.display())),
-        _ => SceneError::Io { action: "read", path, source, place: Box::default() },
+    std::fs::read(&path).map_err(|source| {
+        let place = Place { attribute: Some(owner.to_owned()), ..Place::default() };
+        SceneError::Io { action: "read", path, source, place: Box::new(place) }
     })
 }
 

@@ -141,7 +141,7 @@ fn error_buffers_missing_outside_or_short() {
         Scene::read(&path, &ReadOptions::default()).unwrap_err()
     };
     let missing = read("missing.bin");
-    assert!(matches!(missing, SceneError::NoData { .. }), "{missing}");
+    assert!(matches!(missing, SceneError::Io { .. }), "{missing}");
     assert_eq!(missing.place().file.as_deref(), Some(path.as_path()));
     assert!(matches!(read("../x.bin"), SceneError::Outside { .. }));
     assert!(matches!(read("https://x.org/x.bin"), SceneError::Outside { .. }));
