@@ -140,8 +140,16 @@ pub enum FallbackName {
 
 /// A number of bytes with an optional unit: `500kB`, `2MiB`, `1048576`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
+#[serde(try_from = "NumberOrText", into = "String")]
 pub struct ByteCount(pub u64);
+
+/// A configuration file may leave the quotes away where there is no unit.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "expected a number of bytes, such as 500000 or \"2MiB\"")]
+enum NumberOrText {
+    Number(u64),
+    Text(String),
+}
 
 impl std::str::FromStr for ByteCount {
     type Err = String;
@@ -166,11 +174,14 @@ impl std::str::FromStr for ByteCount {
     }
 }
 
-impl TryFrom<String> for ByteCount {
+impl TryFrom<NumberOrText> for ByteCount {
     type Error = String;
 
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
+    fn try_from(given: NumberOrText) -> Result<Self, String> {
+        match given {
+            NumberOrText::Number(bytes) => Ok(Self(bytes)),
+            NumberOrText::Text(text) => text.parse(),
+        }
     }
 }
 
@@ -359,6 +370,14 @@ mod tests {
         let both = line.or(file);
         assert_eq!((both.max_error, both.detail, both.samples), (Some(0.02), None, Some(10)));
         assert_eq!(both.max_bytes, Some(ByteCount(2_097_152)));
+    }
+
+    #[test]
+    fn settings_max_bytes_with_or_without_quotes() {
+        let read = |text: &str| toml::from_str::<BakeSettings>(text).map(|s| s.max_bytes);
+        assert_eq!(read("max-bytes = 500000").unwrap(), Some(ByteCount(500_000)));
+        assert_eq!(read("max-bytes = \"500 kB\"").unwrap(), Some(ByteCount(500_000)));
+        assert!(read("max-bytes = -1").unwrap_err().message().contains("number of bytes"));
     }
 
     #[test]

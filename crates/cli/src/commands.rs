@@ -7,7 +7,7 @@ use lightkiln_bake::{BakeError, bake};
 use lightkiln_report::{bytes_text, table};
 
 use crate::arguments::{Arguments, Bake, Command, Common, Inspect, Verify};
-use crate::files::{depfile, write_whole};
+use crate::files::{check_outputs, depfile, write_whole};
 use crate::messages::{Exit, Failure};
 use crate::pictures;
 use crate::progress::Stages;
@@ -41,7 +41,7 @@ fn run_bake(arguments: &Bake) -> Result<Exit, Failure> {
         return print(&text);
     }
     use_threads(&arguments.common)?;
-    refuse_overwriting(&arguments.input, &arguments.output)?;
+    check_files(arguments)?;
     let stages = Stages::new(arguments.common.quiet);
     let baked = bake(&arguments.input, &arguments.output, &settings.options(), &stages);
     stages.finish();
@@ -83,18 +83,20 @@ fn run_bake(arguments: &Bake) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// The input must not be the output: a bake that fails half-way through a review must not cost the asset.
-fn refuse_overwriting(input: &Path, output: &Path) -> Result<(), Failure> {
-    let same = match (input.canonicalize(), output.canonicalize()) {
-        (Ok(input), Ok(output)) => input == output,
-        _ => false,
-    };
-    if same {
-        return Err(Failure::new(Exit::Usage, "input and output are the same file")
-            .place(input.display().to_string())
-            .remedy("write to another name: -o NAME.baked.glb"));
+/// Finds out before the work whether the outputs can be written and overwrite nothing that is needed.
+fn check_files(arguments: &Bake) -> Result<(), Failure> {
+    let Bake { input, output, config, report, depfile, .. } = arguments;
+    let ending = output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    if !matches!(ending.as_deref(), Some("glb" | "gltf")) {
+        return Err(Failure::new(Exit::Usage, "the output ends neither in .glb nor in .gltf")
+            .place(output.display().to_string())
+            .remedy("name it NAME.baked.glb"));
     }
-    Ok(())
+    let (mut inputs, mut outputs) = (vec![input.as_path()], vec![output.as_path()]);
+    inputs.extend(config.as_deref());
+    outputs.extend(report.as_deref());
+    outputs.extend(depfile.as_deref());
+    check_outputs(&inputs, &outputs)
 }
 
 fn over_budget(total: u64, limit: u64, largest: &[lightkiln_report::Contributor]) -> Failure {
@@ -166,7 +168,8 @@ fn print(text: &str) -> Result<Exit, Failure> {
     match std::io::stdout().write_all(text.as_bytes()) {
         Ok(()) => Ok(Exit::Done),
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(Exit::Done),
-        Err(error) => Err(Failure::new(Exit::Files, format!("cannot print: {error}"))),
+        Err(error) => Err(Failure::new(Exit::Files, format!("cannot print: {error}"))
+            .remedy("check where the output is redirected to")),
     }
 }
 
@@ -182,9 +185,10 @@ impl From<BakeError> for Failure {
     fn from(error: BakeError) -> Self {
         let exit = match &error {
             BakeError::Option { .. } => Exit::Usage,
+            BakeError::Write { .. } => Exit::Files,
             BakeError::Scene(scene) => match scene.kind() {
                 lightkiln_scene::ErrorKind::Files => Exit::Files,
-                lightkiln_scene::ErrorKind::Output => Exit::Usage,
+                lightkiln_scene::ErrorKind::Request => Exit::Usage,
                 lightkiln_scene::ErrorKind::Unsupported => Exit::Unsupported,
                 lightkiln_scene::ErrorKind::Invalid => Exit::Input,
             },
@@ -195,13 +199,17 @@ impl From<BakeError> for Failure {
             BakeError::Scene(scene) => Some(scene.place().to_string()).filter(|p| !p.is_empty()),
             _ => None,
         };
-        let remedy = error.remedy();
-        let mut failure = Self::new(exit, error.to_string());
-        if let Some(place) = place {
-            failure = failure.place(place);
-        }
-        match remedy {
-            Some(remedy) => failure.remedy(remedy),
+        let remedy = error.remedy().unwrap_or_else(|| {
+            let advice = match &error {
+                BakeError::Option { .. } => "see `lightkiln bake --help`",
+                BakeError::Write { .. } => "check that the folder is writable and has room",
+                _ => "this is a fault of lightkiln: please report it with the file",
+            };
+            advice.to_owned()
+        });
+        let failure = Self::new(exit, error.to_string()).remedy(remedy);
+        match place {
+            Some(place) => failure.place(place),
             None => failure,
         }
     }

@@ -1,26 +1,71 @@
 //! Outputs that appear whole or not at all.
 
+use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::messages::Failure;
+use crate::messages::{Exit, Failure};
 
-/// Writes a file under another name in the same folder and renames it when it is whole.
+/// Writes a file under another name in the same folder and renames it when it is whole. What is no regular
+/// file, such as `/dev/stdout` or a pipe, is written to as it is.
 ///
 /// # Errors
 /// A message that names the file; nothing is left behind.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".{}.part", std::process::id()));
-    let part = path.with_file_name(name);
-    let written = std::fs::File::create(&part)
+    let written = if is_device(path) {
+        OpenOptions::new().write(true).open(path).and_then(|mut file| file.write_all(bytes))
+    } else {
+        write_and_rename(path, bytes)
+    };
+    written.map_err(|error| Failure::writing(path, &error))
+}
+
+fn write_and_rename(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let temporary = path.with_file_name(format!(".{name}.{}.tmp", std::process::id()));
+    let written = File::create(&temporary)
         .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-        .and_then(|()| std::fs::rename(&part, path));
-    written.map_err(|error| {
-        // The part may not exist; either way there is nothing more to do about it.
-        let _ = std::fs::remove_file(&part);
-        Failure::writing(path, &error)
-    })
+        .and_then(|()| std::fs::rename(&temporary, path));
+    if written.is_err() {
+        // It may not even exist; either way there is nothing more to do about it.
+        let _ = std::fs::remove_file(&temporary);
+    }
+    written
+}
+
+/// Makes sure before any work is done that outputs can be written: each has a folder, none is an input, and no
+/// two are the same file.
+///
+/// # Errors
+/// The first output that is not so.
+pub fn check_outputs(inputs: &[&Path], outputs: &[&Path]) -> Result<(), Failure> {
+    let mut taken: Vec<PathBuf> = inputs.iter().filter_map(|path| path.canonicalize().ok()).collect();
+    for &path in outputs {
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let real = folder.canonicalize().map_err(|error| {
+            Failure::new(Exit::Files, format!("cannot write to the folder {}: {error}", folder.display()))
+                .place(path.display().to_string())
+                .remedy("make the folder first")
+        })?;
+        let Some(name) = path.file_name().filter(|_| !path.is_dir()) else {
+            return Err(Failure::new(Exit::Usage, "the output is a folder")
+                .place(path.display().to_string())
+                .remedy("name a file in it"));
+        };
+        let real = path.canonicalize().unwrap_or_else(|_| real.join(name));
+        if taken.contains(&real) && !is_device(&real) {
+            return Err(Failure::new(Exit::Usage, "the output is the same file as another one")
+                .place(path.display().to_string())
+                .remedy("give it another name, such as NAME.baked.glb"));
+        }
+        taken.push(real);
+    }
+    Ok(())
+}
+
+/// Whether a path leads to something that is neither file nor folder: a device, a pipe, a socket.
+fn is_device(path: &Path) -> bool {
+    path.metadata().is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
 
 /// A dependency file in the syntax of make: all outputs left of the colon, all inputs right of it.
