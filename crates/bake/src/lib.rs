@@ -9,13 +9,18 @@
 //! | [`surface`] | parts of the scene to one light mesh |
 //! | [`shade`] | light, fit, classify: rays where a decision is open |
 //! | [`rounds`] | chart, texel, encode, check, until the bound holds |
+//! | [`borders`] | where charts meet color triangles |
 //! | [`output`] | codes and texels to the file |
 //! | [`file_light`] | and back, as a viewer reads them |
 //! | [`verify`] | errors at fresh points |
 //! | [`figures`] | the report |
 //! | [`clock`] | stages and progress |
+//! | [`signals`] | what is baked |
+//! | [`compare`] | vertex values alone, by every method |
 
+pub mod borders;
 pub mod clock;
+pub mod compare;
 pub mod error;
 pub mod figures;
 pub mod file_light;
@@ -24,6 +29,7 @@ pub mod options;
 pub mod output;
 pub mod rounds;
 pub mod shade;
+pub mod signals;
 pub mod surface;
 pub mod verify;
 

@@ -37,6 +37,10 @@ pub enum Command {
     Verify(Verify),
     /// Make a picture of a scene or of its baked light, without a GPU
     Render(Render),
+    /// Fit vertices alone by every method and print what each costs
+    Compare(crate::vertices::Compare),
+    /// Fit vertices alone with several weights of a regularizer, with pictures
+    Fit(Box<crate::vertices::Fit>),
 }
 
 /// Arguments of `bake`.
@@ -128,6 +132,16 @@ pub enum QualityName {
     Final,
 }
 
+impl From<QualityName> for Quality {
+    fn from(name: QualityName) -> Self {
+        match name {
+            QualityName::Draft => Self::Draft,
+            QualityName::Normal => Self::Normal,
+            QualityName::Final => Self::Final,
+        }
+    }
+}
+
 /// Names of [`Fallback`] on the command line.
 #[derive(Clone, Copy, Debug, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -217,11 +231,7 @@ impl BakeSettings {
             max_error: self.max_error.unwrap_or(defaults.max_error),
             detail: self.detail,
             samples: self.samples,
-            quality: match self.quality {
-                Some(QualityName::Draft) => Quality::Draft,
-                Some(QualityName::Final) => Quality::Final,
-                Some(QualityName::Normal) | None => Quality::Normal,
-            },
+            quality: self.quality.map_or_else(Quality::default, Quality::from),
             ao_distance: self.ao_distance,
             seed: self.seed.unwrap_or(defaults.seed),
             fallback: match self.fallback {

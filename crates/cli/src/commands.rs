@@ -11,6 +11,7 @@ use crate::files::{check_outputs, depfile, write_whole};
 use crate::messages::{Exit, Failure};
 use crate::pictures;
 use crate::progress::Stages;
+use crate::vertices;
 
 /// Runs a command.
 ///
@@ -22,6 +23,8 @@ pub fn run(arguments: Arguments) -> Result<Exit, Failure> {
         Command::Inspect(inspect) => run_inspect(&inspect),
         Command::Verify(verify) => run_verify(&verify),
         Command::Render(render) => pictures::run(&render),
+        Command::Compare(compare) => vertices::run_compare(&compare),
+        Command::Fit(fit) => vertices::run_fit(&fit),
     }
 }
 
@@ -164,7 +167,7 @@ fn run_verify(arguments: &Verify) -> Result<Exit, Failure> {
 }
 
 /// Prints a result. A reader that went away is no failure.
-fn print(text: &str) -> Result<Exit, Failure> {
+pub fn print(text: &str) -> Result<Exit, Failure> {
     match std::io::stdout().write_all(text.as_bytes()) {
         Ok(()) => Ok(Exit::Done),
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(Exit::Done),

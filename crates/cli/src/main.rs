@@ -6,6 +6,7 @@
 //! | [`commands`] | one function per command |
 //! | [`progress`] | bars on a terminal, plain lines elsewhere |
 //! | [`pictures`] | the command `render` |
+//! | [`vertices`] | the commands `compare` and `fit` |
 //! | [`messages`] | errors with place and remedy, exit codes |
 //! | [`files`] | outputs that appear whole or not at all |
 
@@ -15,6 +16,7 @@ mod files;
 mod messages;
 mod pictures;
 mod progress;
+mod vertices;
 
 use std::process::ExitCode;
 
