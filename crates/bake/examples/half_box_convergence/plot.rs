@@ -11,12 +11,12 @@ pub struct Curve {
 }
 
 const WIDTH: f64 = 760.0;
-const HEIGHT: f64 = 520.0;
+const HEIGHT: f64 = 580.0;
 /// Left, top, right and bottom edge of the plotting area.
-const FRAME: [f64; 4] = [76.0, 52.0, 736.0, 462.0];
+const FRAME: [f64; 4] = [76.0, 56.0, 736.0, 522.0];
 /// Powers of ten along x and y.
 const X: [i32; 2] = [2, 5];
-const Y: [i32; 2] = [-4, -1];
+const Y: [i32; 2] = [-5, 0];
 
 fn place([samples, error]: [f64; 2]) -> [f64; 2] {
     let [left, top, right, bottom] = FRAME;
@@ -56,7 +56,7 @@ fn write(out: &mut String, curves: &[Curve]) -> std::fmt::Result {
     for power in Y[0]..=Y[1] {
         let [_, y] = place([1.0, 10_f64.powi(power)]);
         writeln!(out, r##"<path d="M{left} {y:.1}H{right}" stroke="#e4e4e4"/>"##)?;
-        let label = ["0.0001", "0.001", "0.01", "0.1"][(power - Y[0]) as usize];
+        let label = ["0.00001", "0.0001", "0.001", "0.01", "0.1", "1"][(power - Y[0]) as usize];
         writeln!(
             out,
             r##"<text x="{:.1}" y="{:.1}" text-anchor="end" fill="#333">{label}</text>"##,
@@ -75,14 +75,11 @@ fn write(out: &mut String, curves: &[Curve]) -> std::fmt::Result {
         let ([x1, y1], [x2, y2]) = (place(at(100.0)), place(at(1e5)));
         writeln!(
             out,
-            r##"<path d="M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}" stroke="#b0b0b0" stroke-dasharray="1 4"/>"##
+            r##"<path d="M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}" stroke="#999" stroke-dasharray="2 4"/>"##
         )?;
-        writeln!(
-            out,
-            r##"<text x="{:.1}" y="{:.1}" text-anchor="end" fill="#777">{name}</text>"##,
-            x2 - 4.0,
-            y2 - 8.0
-        )?;
+        // Below the line at its end.
+        let (x, y) = (x2 - 8.0, y2 + 14.0);
+        writeln!(out, r##"<text x="{x:.1}" y="{y:.1}" text-anchor="end" fill="#777">{name}</text>"##)?;
     }
     for curve in curves {
         let points: Vec<String> =
@@ -108,4 +105,4 @@ fn write(out: &mut String, curves: &[Curve]) -> std::fmt::Result {
 }
 
 /// Straight lines to compare slopes with: error at 100 samples, slope, name.
-const GUIDES: [(f64, f64, &str); 2] = [(0.09, -0.5, "slope −1/2"), (0.012, -0.75, "slope −3/4")];
+const GUIDES: [(f64, f64, &str); 2] = [(0.006, -0.5, "slope −1/2"), (0.006, -0.75, "slope −3/4")];
