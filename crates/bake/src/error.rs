@@ -20,6 +20,12 @@ pub enum BakeError {
         /// The file's name.
         file: String,
     },
+    /// The scene does not carry the signal that was asked for.
+    #[error("the scene has no {what}")]
+    NoSignal {
+        /// What it has not.
+        what: String,
+    },
     /// An option is out of its range.
     #[error("{name} is {value}, but must be {range}")]
     Option {
@@ -82,6 +88,7 @@ impl BakeError {
                 Some("name another scene with --scene, or check that its nodes draw triangles".into())
             }
             Self::NotBaked { .. } => Some("bake it first: lightkiln bake IN.glb -o OUT.glb".into()),
+            Self::NoSignal { .. } => Some("choose another --signal".into()),
             Self::Sample(_) => Some("ask for a larger --detail or fewer --samples".into()),
             Self::Chart(_) | Self::Pack(_) | Self::Encode(_) => {
                 Some("ask for a larger --detail or a larger --max-error".into())

@@ -32,14 +32,14 @@ impl Quality {
     fn effort(self) -> Effort {
         match self {
             Self::Draft => Effort {
-                samples: 60_000,
-                denser_rounds: 1,
+                samples: 75_000,
+                denser_rounds: 2,
                 sample_batches: [2, 8],
                 texel_batches: [2, 6],
                 texel_noise: 0.02,
-                rounds: 16,
-                reference_batches: 32,
-                check_points: 1_500,
+                rounds: 24,
+                reference_batches: 16,
+                check_points: 6_000,
             },
             Self::Normal => Effort {
                 samples: 250_000,
@@ -47,7 +47,7 @@ impl Quality {
                 sample_batches: [4, 32],
                 texel_batches: [4, 24],
                 texel_noise: 0.01,
-                rounds: 16,
+                rounds: 24,
                 reference_batches: 64,
                 check_points: 12_000,
             },
@@ -57,7 +57,7 @@ impl Quality {
                 sample_batches: [8, 128],
                 texel_batches: [8, 96],
                 texel_noise: 0.005,
-                rounds: 16,
+                rounds: 24,
                 reference_batches: 128,
                 check_points: 40_000,
             },

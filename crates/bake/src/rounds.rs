@@ -1,9 +1,9 @@
 //! Close, chart, texel, encode, check, and round again: until no color triangle breaks the bound.
 //!
-//! What a color triangle shows is only known once its neighbours have texels: its texture-vertices take the
-//! atlas's value, and its color-vertices are fitted again around them. So each round decodes every sample as
-//! the shader would and promotes the color triangles that come out wrong. Regions that did not change keep
-//! their charts and their texels, so a round costs little more than packing.
+//! Once it is known which triangles read texels, the vertices are fitted again to the others' samples alone,
+//! and the atlas is held to these values where it meets them ([`crate::borders`]). Each round then decodes every
+//! sample as the shader would and promotes the color triangles that come out wrong. Regions that did not change
+//! keep their charts and the light of their texels, so a round costs little more than packing.
 
 use std::collections::HashMap;
 
@@ -13,13 +13,14 @@ use lightkiln_classify::{close, fill_notches, regions};
 use lightkiln_encode::{
     AtlasView, Codes, EncodeReport, PromotionPrices, Texels, atlas_position, decode, encode, promotions,
 };
-use lightkiln_fit::{Held, Observations, fit};
+use lightkiln_fit::{Observations, fit};
 use lightkiln_light::{Estimates, Signal};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
 use lightkiln_texel::image::quantize;
 use lightkiln_texel::{Atlas, ChartTexels, PngDepth, StitchOptions, StitchReport, compose, lift, stitch};
 use rayon::prelude::*;
 
+use crate::borders::border_holds;
 use crate::clock::Clock;
 use crate::options::{GUTTER_TEXELS, Plan};
 use crate::shade::{Lit, fit_options, refine};
@@ -137,7 +138,9 @@ pub fn chart_texel_encode(
             is_texture[triangle.index()] = true;
             promoted_for_bytes += 1;
         }
-        let mut shown = show(surface, signal, lit, &is_texture, plan, &mut kept, clock)?;
+        clock.stage("fit");
+        let values = fit_color_triangles(surface, lit, &is_texture)?;
+        let mut shown = show(surface, signal, &is_texture, &values, plan, &mut kept, clock)?;
         clock.stage("check");
         let wrong = wrong_triangles(surface, lit, seen, &is_texture, &shown, plan)?;
         if wrong.is_empty() || round == plan.effort.rounds {
@@ -151,6 +154,10 @@ pub fn chart_texel_encode(
             // What is wrong ripples outward from the new texels, a triangle a round. Late rounds go ahead of it.
             if round >= PATIENT_ROUNDS {
                 surface.adjacency.neighbors(triangle).for_each(|(_, next)| is_texture[next.index()] = true);
+            }
+            if round >= 2 * PATIENT_ROUNDS {
+                let fans = surface.mesh.triangles[triangle.index()].map(|v| surface.fans.around(v));
+                fans.into_iter().flatten().for_each(|next| is_texture[next.index()] = true);
             }
         }
     }
@@ -185,8 +192,8 @@ type Kept = HashMap<Vec<TriangleId>, Region>;
 fn show(
     surface: &Surface<'_>,
     signal: &dyn Signal,
-    lit: &Lit,
     is_texture: &[bool],
+    vertex_values: &[f32],
     plan: &Plan,
     kept: &mut Kept,
     clock: &mut Clock<'_>,
@@ -201,7 +208,9 @@ fn show(
         shown_charts.add(&kept[region]);
     }
     let ShownCharts { charts, texels, mut values, valid, variances, shaded, rays } = shown_charts;
+    let holds = border_holds(surface, is_texture, &charts, vertex_values);
     let options = StitchOptions {
+        holds: &holds,
         valid: Some(&valid),
         variances: Some(&variances),
         range: signal.range(),
@@ -222,9 +231,8 @@ fn show(
             (0..chart.uv.len()).map(|v| view.lookup(atlas_position(&charts, &packing, c, v), 0)).collect()
         })
         .collect();
-    let vertex_values = refit(surface, lit, is_texture, &charts, &readback)?;
     let (codes, encoded) =
-        encode(mesh, &surface.adjacency, is_texture, &charts, &packing, &vertex_values, &|chart, vertex| {
+        encode(mesh, &surface.adjacency, is_texture, &charts, &packing, vertex_values, &|chart, vertex| {
             readback[chart][vertex]
         })?;
     drop(view);
@@ -369,41 +377,21 @@ impl ShownCharts {
     }
 }
 
-/// Fits the color-vertices again, with the atlas's values held at texture-vertices: the shader interpolates
-/// between both. Along a chart edge it shows the texels and not a line, so what it shows beyond the line is
-/// taken off the samples first.
-fn refit(
-    surface: &Surface<'_>,
-    lit: &Lit,
-    is_texture: &[bool],
-    charts: &[Chart],
-    readback: &[Vec<f32>],
-) -> Result<Vec<f32>, BakeError> {
-    let count = surface.mesh.vertex_count();
-    let (mut sums, mut places) = (vec![0.0_f32; count], vec![0_u32; count]);
-    for (chart, values) in charts.iter().zip(readback) {
-        for (v, value) in chart.vertices.iter().zip(values) {
-            sums[v.index()] += value;
-            places[v.index()] += 1;
-        }
-    }
-    let held: Vec<bool> = places.iter().map(|&n| n > 0).collect();
-    let values: Vec<f32> = sums.iter().zip(&places).map(|(sum, &n)| sum / n.max(1) as f32).collect();
-    let weights: Vec<f32> = lit
-        .samples
-        .points
-        .iter()
-        .zip(&lit.weights)
-        .map(|(point, &weight)| if is_texture[point.triangle.index()] { 0.0 } else { weight })
-        .collect();
+/// Fits the vertices to the samples of color triangles alone: what texture triangles show needs no vertex to
+/// bend for it.
+fn fit_color_triangles(surface: &Surface<'_>, lit: &Lit, is_texture: &[bool]) -> Result<Vec<f32>, BakeError> {
+    let points = &lit.samples.points;
+    let color_weight = |(point, &weight): (&SurfacePoint, &f32)| {
+        if is_texture[point.triangle.index()] { 0.0 } else { weight }
+    };
+    let weights: Vec<f32> = points.iter().zip(&lit.weights).map(color_weight).collect();
     let observations = Observations {
-        points: &lit.samples.points,
+        points,
         weights: &weights,
         values: lit.estimates.means(),
         channels: lit.estimates.channels,
     };
-    let held = Held { vertices: &held, values: &values };
-    Ok(fit(&surface.mesh, &surface.adjacency, &observations, Some(&held), &fit_options())?.values)
+    Ok(fit(&surface.mesh, &surface.adjacency, &observations, None, &fit_options())?.values)
 }
 
 /// Decodes all samples and seen points of color triangles and lists the triangles that break the bound.

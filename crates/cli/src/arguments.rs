@@ -93,7 +93,7 @@ pub struct BakeSettings {
     /// Smallest feature to keep, in metres (units of the file) [default: from the number of samples]
     #[arg(long, value_name = "METRES", conflicts_with = "samples")]
     pub detail: Option<f32>,
-    /// About so many samples over the surface [default: by quality, 60k, 250k or 1M]
+    /// About so many samples over the surface [default: by quality, 75k, 250k or 1M]
     #[arg(long, value_name = "N")]
     pub samples: Option<usize>,
     /// How much work to do [default: normal]
