@@ -1,7 +1,6 @@
 //! One function per command: read, compute, print, exit code.
 
 use std::io::Write;
-use std::path::Path;
 
 use lightkiln_bake::{BakeError, bake};
 use lightkiln_report::{bytes_text, table};
@@ -48,7 +47,7 @@ fn run_bake(arguments: &Bake) -> Result<Exit, Failure> {
     let stages = Stages::new(arguments.common.quiet);
     let baked = bake(&arguments.input, &arguments.output, &settings.options(), &stages);
     stages.finish();
-    let mut baked = baked?;
+    let mut baked = baked.map_err(|error| Failure::from(error).or_in(&arguments.input))?;
     baked.report.peak_memory_bytes = peak_memory_bytes();
     let report = &baked.report;
 
@@ -118,7 +117,8 @@ fn over_budget(total: u64, limit: u64, largest: &[lightkiln_report::Contributor]
 }
 
 fn run_inspect(arguments: &Inspect) -> Result<Exit, Failure> {
-    let inspection = lightkiln_bake::inspect::inspect(&arguments.file)?;
+    let inspection = lightkiln_bake::inspect::inspect(&arguments.file)
+        .map_err(|error| Failure::from(error).or_in(&arguments.file))?;
     if arguments.json {
         print(&inspection.to_json())?;
     } else {
@@ -142,7 +142,7 @@ fn run_verify(arguments: &Verify) -> Result<Exit, Failure> {
     };
     let verified = lightkiln_bake::verify::verify_file(&arguments.file, &options, &stages);
     stages.finish();
-    let errors = verified?;
+    let errors = verified.map_err(|error| Failure::from(error).or_in(&arguments.file))?;
     if arguments.common.json {
         let mut text =
             serde_json::to_string_pretty(&errors).map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
@@ -195,7 +195,11 @@ impl From<BakeError> for Failure {
                 lightkiln_scene::ErrorKind::Unsupported => Exit::Unsupported,
                 lightkiln_scene::ErrorKind::Invalid => Exit::Input,
             },
-            BakeError::NothingToBake { .. } | BakeError::NotBaked { .. } | BakeError::Mesh(_) => Exit::Input,
+            BakeError::NothingToBake { .. }
+            | BakeError::NotBaked { .. }
+            | BakeError::NoSignal { .. }
+            | BakeError::Mesh(_)
+            | BakeError::Image(_) => Exit::Input,
             _ => Exit::Failed,
         };
         let place = match &error {
@@ -206,6 +210,8 @@ impl From<BakeError> for Failure {
             let advice = match &error {
                 BakeError::Option { .. } => "see `lightkiln bake --help`",
                 BakeError::Write { .. } => "check that the folder is writable and has room",
+                BakeError::Mesh(_) => "repair or split the scene and export it again",
+                BakeError::Image(_) => "the atlas is damaged: bake the file again",
                 _ => "this is a fault of lightkiln: please report it with the file",
             };
             advice.to_owned()

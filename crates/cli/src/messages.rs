@@ -53,6 +53,12 @@ impl Failure {
         self
     }
 
+    /// Names the file, unless a place is known already.
+    pub fn or_in(mut self, file: &Path) -> Self {
+        self.place.get_or_insert_with(|| file.display().to_string());
+        self
+    }
+
     /// Adds what to do.
     pub fn remedy(mut self, remedy: impl Into<String>) -> Self {
         self.remedy = Some(remedy.into());

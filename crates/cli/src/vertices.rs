@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use lightkiln_bake::compare::{Comparison, Gathered, Row, Tried, Way, compare, try_all};
-use lightkiln_bake::signals::SignalChoice;
+use lightkiln_bake::signals::{SIGNALS, SignalChoice};
 use lightkiln_bake::{BakeError, BakeOptions, Clock, Plan, Surface};
 use lightkiln_fit::{Mass, Method, Regularizer};
 use lightkiln_light::{AmbientOcclusion, Hit, Signal, Tracer};
@@ -27,7 +27,7 @@ pub struct Sampling {
     /// A .gltf or .glb file
     pub file: PathBuf,
     /// What is fitted
-    #[arg(long, default_value = "ao", value_name = "SIGNAL", long_help = SIGNAL_HELP)]
+    #[arg(long, default_value = "ao", value_name = "SIGNAL", long_help = format!("What is fitted:\n{SIGNALS}"))]
     pub signal: SignalChoice,
     /// Which samples: 60k, 250k or a million [default: normal]
     #[arg(long, value_enum)]
@@ -53,9 +53,6 @@ pub struct Sampling {
     #[command(flatten)]
     pub common: Common,
 }
-
-const SIGNAL_HELP: &str = "What is fitted:
-  ao                  ambient occlusion, traced";
 
 /// Arguments of `compare`.
 #[derive(Args)]
@@ -197,7 +194,9 @@ impl Sampling {
         let tracer = Tracer::new(&surface.mesh, &surface).map_err(BakeError::from)?;
         surface.turn_hidden_sheets(&AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, 0));
         let signal = self.signal.on(&surface, &tracer, &plan)?;
-        let batches = self.rays.div_ceil(16) as u16;
+        // Where nothing is traced, one look is enough.
+        let batches =
+            if self.signal.is_traced() { self.rays.div_ceil(signal.rays_per_batch()) as u16 } else { 1 };
         let ready = Ready { surface: &surface, tracer: &tracer, signal: &*signal, plan: &plan, batches };
         work(ready, clock)
     }
@@ -217,7 +216,7 @@ pub fn run_compare(arguments: &Compare) -> Result<Exit, Failure> {
     let stages = Stages::new(sampling.common.quiet);
     let comparison = sampling.with(&mut Clock::new(&stages), |ready, clock| {
         let Ready { surface, signal, plan, batches, .. } = ready;
-        Ok(compare(surface, signal, plan, batches, arguments.alpha, clock)?)
+        Ok(compare(surface, signal, sampling.signal.is_traced(), plan, batches, arguments.alpha, clock)?)
     });
     stages.finish();
     let comparison = comparison?;
