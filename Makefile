@@ -1,0 +1,96 @@
+# Thin targets over cargo and the binary. CI, the README and people run the same ones.
+#
+#   make build      the program, target/release/lightkiln
+#   make test       all tests
+#   make lint       clippy, warnings denied        make fmt   rustfmt
+#   make bench      one bench per stage            make scenes  the big scenes, into data/big
+#   make bake       bake every scene of data/ into out/; editing one scene rebuilds one
+#   make report     print the reports of out/      make validate  validator and schemas over out/
+#   make validate-scenes SCENES_DIR=...             the same over scenes of your own, and glTF-Transform
+#   make sheets     the picture sheets of docs/       make figures  the charts of docs/
+
+CARGO ?= cargo
+LIGHTKILN = target/release/lightkiln
+PROPS = target/release/lightkiln-props
+BAKE_FLAGS ?= --quality draft
+
+SCENES = $(wildcard data/*.glb)
+BAKED = $(SCENES:data/%.glb=out/%.baked.glb)
+
+# Where validate-scenes finds scenes.
+SCENES_DIR ?= ../shared/scenes
+
+.PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets figures clean
+.PHONY: validator validate validate-scenes
+.DELETE_ON_ERROR:
+
+build:
+	$(CARGO) build --release --locked --bins
+
+test:
+	$(CARGO) test --release --locked --workspace
+
+# The optional packer of chart: needs libclang and a C++ compiler.
+test-xatlas:
+	$(CARGO) test --release --locked -p lightkiln-chart --features xatlas,uvunwrap
+
+lint:
+	$(CARGO) clippy --release --locked --workspace --all-targets -- -D warnings
+
+fmt:
+	$(CARGO) fmt --all
+
+fmt-check:
+	$(CARGO) fmt --all -- --check
+
+bench:
+	$(CARGO) bench --locked --workspace
+
+$(LIGHTKILN) $(PROPS): build
+
+# Name and size of each big scene stand in data/recipes.txt.
+scenes: build
+	mkdir -p data/big
+	while read -r file scene size; do \
+	  case "$$file" in ''|'#'*) continue;; esac; \
+	  test -s "data/big/$$file" || $(PROPS) "$$scene" --size "$$size" -o "data/big/$$file" || exit 1; \
+	done < data/recipes.txt
+
+bake: $(BAKED)
+
+out/%.baked.glb: data/%.glb | build
+	@mkdir -p out
+	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --report out/$*.json --depfile out/$*.d
+
+-include $(wildcard out/*.d)
+
+report: bake
+	@for f in $(BAKED); do echo "== $$f"; $(LIGHTKILN) inspect $$f; done
+
+validator:
+	npm ci --prefix tests/validator --no-audit --no-fund --loglevel=error
+
+validate: bake validator
+	node tests/validator/validate.mjs $(SCENES) -- $(BAKED)
+	node tests/validator/schema.mjs $(BAKED:.baked.glb=.json) $(BAKED)
+
+# A bound that a draft does not keep (6) is no fault of the file that was written.
+validate-scenes: build validator
+	@mkdir -p out/scenes
+	@for f in "$(SCENES_DIR)"/*.glb; do \
+	  name=$$(basename "$$f" .glb); \
+	  $(LIGHTKILN) bake "$$f" -o "out/scenes/$$name.glb" $(BAKE_FLAGS) --report "out/scenes/$$name.json" --quiet \
+	    || test $$? = 6 || exit 1; \
+	done
+	node tests/validator/scenes.mjs "$(SCENES_DIR)" out/scenes
+	node tests/validator/schema.mjs out/scenes/*.json out/scenes/*.glb
+
+sheets: build
+	tests/sheets.sh
+
+# Also prints the tables of docs/HALF_BOX.md.
+figures:
+	$(CARGO) run --release --locked -p lightkiln-bake --example half_box_convergence -- data docs/half_box.svg
+
+clean:
+	rm -rf out
