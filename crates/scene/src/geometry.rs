@@ -314,7 +314,7 @@ fn alpha_source(
 ) -> Result<AlphaSource, SceneError> {
     let mut source = AlphaSource::default();
     if let Some(texture) = &material.texture {
-        let semantic = format!("TEXCOORD_{}", texture.set);
+        let semantic = format!("TEXCOORD_{}", texture.mapping.set);
         if let Some(accessor) = attribute(document, primitive, &semantic)? {
             let elements = open(document, accessor, &semantic, 2..=2, Some(vertices))?;
             source.uv = Some(Arc::new((0..vertices).map(|v| elements.floats(v)).collect()));

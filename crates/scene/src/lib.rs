@@ -12,6 +12,7 @@
 //! | `accessor`, `meshopt`, `draco` | elements of buffers, compressed or not |
 //! | `nodes`, `instances`, `pose` | the node graph, GPU instances, skins and morph targets at rest |
 //! | `geometry`, `material` | pools of vertices as triangles; coverage |
+//! | `texture` | textures as signals |
 //! | `footprint` | bytes of vertices, sizes of images |
 //! | `names` | names of parts, files and kinds of errors |
 //! | `lightmap` | reading light back, undoing a former bake |
@@ -38,6 +39,7 @@ mod pools;
 mod pose;
 mod scene;
 mod split;
+mod texture;
 mod uri;
 mod write;
 
@@ -47,4 +49,5 @@ pub use lightmap::{ATTRIBUTE, AtlasPage, EXTENSION, Lightmap, ORIGINAL_COLOR};
 pub use material::{AlphaMode, Material};
 pub use names::ErrorKind;
 pub use scene::{Part, PartLight, ReadOptions, Scene, TriangleFlags};
+pub use texture::{Slot, Textures};
 pub use write::{AtlasFiles, BakedLight, ExtensionInfo, Fallback, PartWritten, Written, WrittenFile, write};
