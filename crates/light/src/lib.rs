@@ -10,6 +10,7 @@
 //! | [`directions`] | a batch of directions: scrambled net, cosine-weighted |
 //! | [`signal`] | what a signal is |
 //! | [`occlusion`] | ambient occlusion |
+//! | [`shadow`] | the shadow of a disk that shines |
 //! | [`estimates`] | means and variances, refined where asked |
 //! | [`analytic`] | occlusion in closed form |
 //! | `tree`, `traverse`, `lanes` | the wide tree, its walk, and eight numbers at once |
@@ -20,6 +21,7 @@ pub mod estimates;
 mod lanes;
 pub mod occlusion;
 pub mod origin;
+pub mod shadow;
 pub mod signal;
 pub mod tracer;
 mod traverse;
@@ -28,6 +30,7 @@ mod tree;
 pub use estimates::Estimates;
 pub use occlusion::AmbientOcclusion;
 pub use origin::Origin;
+pub use shadow::{Disk, Shadow};
 pub use signal::Signal;
 pub use tracer::{Hit, Opaque, SurfaceFlags, Surfaces, Tracer};
 
