@@ -10,11 +10,13 @@
 //! | [`small`] | scenes of a few triangles, each for one feature |
 //! | [`seat`] | an upholstered car seat |
 //! | [`car`] | a car of many panels |
+//! | [`picture`] | an image on a flat mesh |
 //! | [`glb`] | the container and its JSON |
 
 pub mod car;
 pub mod glb;
 pub mod model;
+pub mod picture;
 pub mod seat;
 pub mod shapes;
 pub mod small;
@@ -159,6 +161,14 @@ pub const RECIPES: &[Recipe] = &[
         default_size: 0,
         sizes: (0, 0),
         make: |_, _| Ok(small::contact(1000.0)),
+    },
+    Recipe {
+        name: "picture",
+        about: "a flat image on triangles that follow it, as Kavan 2011, figure 8",
+        size_is: "triangles",
+        default_size: 2000,
+        sizes: (2, 100_000),
+        make: |size, _| picture::picture(size),
     },
     Recipe {
         name: "seat",

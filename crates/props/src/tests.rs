@@ -149,6 +149,24 @@ fn half_box_diagonals_differ_and_face_the_corner() {
 }
 
 #[test]
+fn picture_is_one_sheet_of_about_as_many_triangles() {
+    let scene = picture::picture(2000).unwrap();
+    assert_scene_is_sound(&scene);
+    let surface = &scene.meshes[0].primitives[0].0;
+    assert!(surface.count.abs_diff(2000) < 10, "{}", surface.count);
+    // A disk of one sheet: faces - edges + vertices = 1, and the area is the square's.
+    let mut edges = HashMap::new();
+    for t in &surface.triangles {
+        for e in 0..3 {
+            let (a, b) = (t[e].min(t[(e + 1) % 3]), t[e].max(t[(e + 1) % 3]));
+            *edges.entry((a, b)).or_insert(0) += 1;
+        }
+    }
+    assert!(edges.values().all(|&n| n <= 2));
+    assert_eq!(surface.count + surface.positions.len() - edges.len(), 1);
+}
+
+#[test]
 fn thin_wall_is_closed() {
     let scene = small::thin_wall(8);
     assert!(is_closed(&scene.meshes[1].primitives[0].0));
