@@ -59,8 +59,8 @@ pub struct Gathered {
     pub at_vertices: Vec<f32>,
     /// Seconds that the rays of the samples took.
     pub ray_seconds: f64,
-    /// Rays of a sample.
-    pub rays_per_sample: u32,
+    /// Batches of a sample.
+    pub batches: u16,
 }
 
 impl Gathered {
@@ -108,8 +108,7 @@ impl Gathered {
         let keys: Vec<u64> = vertices.map(|v| random::hash(plan.seed, u64::from(v.0), u64::MAX, 0)).collect();
         let areas = vec![1.0; points.len()];
         let at_vertices = shade(points, &keys, areas, clock).estimates.means().to_vec();
-        let rays_per_sample = u32::from(batches) * signal.rays_per_batch();
-        Ok(Self { samples, fresh, at_vertices, ray_seconds, rays_per_sample })
+        Ok(Self { samples, fresh, at_vertices, ray_seconds, batches })
     }
 }
 
@@ -279,7 +278,7 @@ pub struct Comparison {
     pub samples: usize,
     /// Samples inside other geometry, which count for nothing.
     pub hidden_samples: usize,
-    /// Rays of a sample.
+    /// Rays of a sample; 0 where nothing is traced.
     pub rays_per_sample: u32,
     /// Seconds that the rays of the samples took.
     pub ray_seconds: f64,
@@ -305,11 +304,14 @@ pub struct Comparison {
 
 /// Fits one scene's vertices by every method.
 ///
+/// - `traced`: the signal comes from rays
+///
 /// # Errors
 /// [`BakeError::Sample`] and [`BakeError::Fit`].
 pub fn compare(
     surface: &Surface<'_>,
     signal: &dyn Signal,
+    traced: bool,
     plan: &Plan,
     batches: u16,
     alpha: f32,
@@ -332,7 +334,7 @@ pub fn compare(
         triangles: surface.mesh.triangle_count(),
         samples: gathered.samples.points.len(),
         hidden_samples,
-        rays_per_sample: gathered.rays_per_sample,
+        rays_per_sample: if traced { u32::from(gathered.batches) * signal.rays_per_batch() } else { 0 },
         ray_seconds: gathered.ray_seconds,
         alpha,
         error_point: point.error,

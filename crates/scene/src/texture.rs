@@ -167,7 +167,14 @@ pub struct Textures<'a> {
 struct Shown {
     base: [f32; 3],
     factor: [f32; 3],
-    texture: Option<(Arc<Image>, Mapping, Arc<Vec<[f32; 2]>>)>,
+    texture: Option<Lookup>,
+}
+
+struct Lookup {
+    image: Arc<Image>,
+    mapping: Mapping,
+    /// Per glTF vertex of the pool.
+    uv: Arc<Vec<[f32; 2]>>,
 }
 
 struct Image {
@@ -263,7 +270,7 @@ impl Scene {
                 shown.push(uv.map(|uv| Shown {
                     base: [0.0; 3],
                     factor: [1.0; 3],
-                    texture: Some((Arc::clone(&image), mapping, uv)),
+                    texture: Some(Lookup { image: Arc::clone(&image), mapping, uv }),
                 }));
             }
             parts.push(shown);
@@ -305,13 +312,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    #[expect(clippy::type_complexity, reason = "the parts of a private struct's field")]
-    fn texture(
-        &mut self,
-        part: usize,
-        primitive: usize,
-        info: &Value,
-    ) -> Result<Option<(Arc<Image>, Mapping, Arc<Vec<[f32; 2]>>)>, SceneError> {
+    fn texture(&mut self, part: usize, primitive: usize, info: &Value) -> Result<Option<Lookup>, SceneError> {
         let document = &self.scene.document;
         let Some((texture, Some(source))) = texture_of(document, info)? else { return Ok(None) };
         let mapping = Mapping::read(document, info, texture)?;
@@ -327,7 +328,7 @@ impl Reader<'_> {
                 image
             }
         };
-        Ok(Some((image, mapping, uv)))
+        Ok(Some(Lookup { image, mapping, uv }))
     }
 
     /// A set of texture coordinates of a primitive, per glTF vertex of its pool.
@@ -372,7 +373,7 @@ impl Textures<'_> {
         let Some(shown) = &self.parts[part][primitive] else { return false };
         let texel: [f32; 3] = match &shown.texture {
             None => [1.0; 3],
-            Some((image, mapping, uv)) => {
+            Some(Lookup { image, mapping, uv }) => {
                 let corners = self.scene.gltf_corners(part, triangle).map(|v| uv[v as usize]);
                 let [v, w] = barycentric;
                 let at =
