@@ -13,6 +13,8 @@ CARGO ?= cargo
 LIGHTKILN = target/release/lightkiln
 PROPS = target/release/lightkiln-props
 BAKE_FLAGS ?= --quality draft
+FIT = $(LIGHTKILN) fit --quiet --samples 250000 --size 400
+SEAT_VIEW = --ao-distance inf --rays 128 --zoom 3.5 --target=0,0.35,0.05
 
 SCENES = $(wildcard data/*.glb)
 BAKED = $(SCENES:data/%.glb=out/%.baked.glb)
@@ -21,7 +23,7 @@ BAKED = $(SCENES:data/%.glb=out/%.baked.glb)
 SCENES_DIR ?= ../shared/scenes
 
 .PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets figures clean
-.PHONY: validator validate validate-scenes
+.PHONY: test-build validator validate validate-scenes
 .DELETE_ON_ERROR:
 
 build:
@@ -30,9 +32,15 @@ build:
 test:
 	$(CARGO) test --release --locked --workspace
 
-# The optional packer of chart: needs libclang and a C++ compiler.
+# Builds what `test` runs, and with it the program.
+test-build:
+	$(CARGO) test --release --locked --workspace --no-run
+
+# The optional packers of chart: they need libclang and a C++ compiler. The program is named only so that
+# libraries get the features that they have in `test`, and are not built twice.
 test-xatlas:
-	$(CARGO) test --release --locked -p lightkiln-chart --features xatlas,uvunwrap
+	$(CARGO) test --release --locked -p lightkiln-chart -p lightkiln-cli --lib --test charts \
+	  --features lightkiln-chart/xatlas,lightkiln-chart/uvunwrap
 
 lint:
 	$(CARGO) clippy --release --locked --workspace --all-targets -- -D warnings
@@ -89,8 +97,21 @@ sheets: build
 	tests/sheets.sh
 
 # Also prints the tables of docs/HALF_BOX.md.
-figures:
+figures: build
 	$(CARGO) run --release --locked -p lightkiln-bake --example half_box_convergence -- data docs/half_box.svg
+	mkdir -p out/figures docs/figures
+	$(PROPS) seat --size 40000 -o out/figures/seat.glb
+	$(PROPS) picture -o out/figures/picture.glb
+	$(FIT) out/figures/seat.glb -o docs/figures/alpha.png $(SEAT_VIEW)
+	$(FIT) out/figures/seat.glb -o docs/figures/edge_terms.png $(SEAT_VIEW) \
+	  --regularizer edge-printed,edge --sweep alpha=0.1
+	for n in 16 32 64; do \
+	  $(PROPS) l_shape --size $$n -o out/figures/l_shape_$$n.glb && \
+	  $(FIT) out/figures/l_shape_$$n.glb -o docs/figures/l_shape_$$n.png --signal=shadow:-0.5,2.2,-0.8,0.08 \
+	    --method average,ours --sweep alpha=0.1 --rays 256 --view=-25,55 --zoom 1.6 --target 0.5,0.1,0.6 || exit 1; \
+	done
+	$(FIT) out/figures/picture.glb -o docs/figures/picture.png --signal base-color --method point,average,ours \
+	  --sweep alpha=0 --view front --zoom 1.06
 
 clean:
 	rm -rf out
