@@ -88,8 +88,8 @@ pub struct Fit {
     #[arg(long, default_value_t = 1.0)]
     pub zoom: f32,
     /// Look at this point instead of the middle of the scene
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true)]
-    pub target: Option<Vec<f32>>,
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub target: Option<Target>,
     /// Width and height of one picture in pixels
     #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=8192))]
     pub size: u32,
@@ -109,6 +109,22 @@ impl std::str::FromStr for Sweep {
             _ => Err(format!("{t:?} is no number of at least 0")),
         };
         values.split(',').map(read).collect::<Result<_, _>>().map(Self)
+    }
+}
+
+/// The point of `--target`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target(pub Vec3);
+
+impl std::str::FromStr for Target {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let read = |t: &str| t.trim().parse::<f32>().ok().filter(|v| v.is_finite());
+        match text.split(',').map(read).collect::<Option<Vec<f32>>>().as_deref() {
+            Some(&[x, y, z]) => Ok(Self(Vec3::new(x, y, z))),
+            _ => Err("a point is three numbers: X,Y,Z".into()),
+        }
     }
 }
 
@@ -285,10 +301,7 @@ fn write_pictures(
 ) -> Result<(), Failure> {
     let Ready { surface, tracer, signal, batches, .. } = *ready;
     let channels = signal.channels();
-    let target = match arguments.target.as_deref() {
-        Some([x, y, z]) => Some(Vec3::new(*x, *y, *z)),
-        _ => None,
-    };
+    let target = arguments.target.map(|t| t.0);
     let camera = Camera::framing(&surface.mesh.positions, target, view, arguments.zoom);
     let shot = |color: &(dyn Fn(&Hit) -> Vec3 + Sync)| {
         render(tracer, surface, &camera, arguments.size as usize, color)
@@ -312,8 +325,7 @@ fn write_pictures(
         let key = random::hash(PICTURE_SEED, u64::from(hit.triangle.0), bits[0], bits[1]);
         let mut sums = vec![0.0; channels];
         let mut out = vec![0.0; channels];
-        // A quarter of the rays for each of the four places of a pixel.
-        let batches = u32::from(batches).div_ceil(4);
+        let batches = u32::from(batches);
         for batch in 0..batches {
             signal.batch(point(hit), key, batch, &mut out);
             sums.iter_mut().zip(&out).for_each(|(sum, value)| *sum += value / batches as f32);
@@ -415,6 +427,13 @@ fn rows_text(rows: &[Row]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn target_reads_a_point() {
+        assert_eq!("-1, 0.5,2".parse(), Ok(Target(Vec3::new(-1.0, 0.5, 2.0))));
+        assert!("1,2".parse::<Target>().is_err());
+        assert!("1,2,x".parse::<Target>().is_err());
+    }
 
     #[test]
     fn sweep_reads_a_list_of_alphas() {
