@@ -92,7 +92,7 @@ impl Gathered {
                 .collect();
             let channels = estimates.channels;
             let variances = (0..points.len() * channels)
-                .map(|at| estimates.variance_of_mean(at / channels, at % channels))
+                .map(|at| estimates.spread_variance_of_mean(at / channels, at % channels))
                 .collect();
             Lit { points, weights, estimates, variances }
         };

@@ -166,6 +166,16 @@ impl Estimates {
         (of_batch / batches) as f32
     }
 
+    /// Variance of a point's value from the spread of its batches alone: right on average over many points, where
+    /// [`Self::variance_of_mean`] is careful with each. 0 with fewer than two batches.
+    pub fn spread_variance_of_mean(&self, i: usize, channel: usize) -> f32 {
+        let batches = f32::from(self.batches[i]);
+        if batches < 2.0 {
+            return 0.0;
+        }
+        self.m2[i * self.channels + channel] / ((batches - 1.0) * batches)
+    }
+
     /// Batches that a point has.
     #[inline]
     pub fn batches(&self, i: usize) -> u16 {
