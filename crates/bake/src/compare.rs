@@ -347,3 +347,73 @@ pub fn compare(
         rows: tried.iter().map(|t| t.row.clone()).collect(),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use lightkiln_light::Tracer;
+    use lightkiln_scene::{ReadOptions, Scene};
+
+    use super::*;
+    use crate::clock::Silent;
+    use crate::options::BakeOptions;
+    use crate::signals::SignalChoice;
+
+    fn compared(scene: &str, signal: &str, samples: usize) -> Comparison {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data").join(scene);
+        let scene = Scene::read(&path, &ReadOptions::default()).unwrap();
+        let surface = Surface::new(&scene, "test").unwrap();
+        let options = BakeOptions {
+            samples: Some(samples),
+            ao_distance: Some(f32::INFINITY),
+            ..BakeOptions::default()
+        };
+        let plan = Plan::new(&options, &surface.mesh).unwrap();
+        let tracer = Tracer::new(&surface.mesh, &surface).unwrap();
+        let choice: SignalChoice = signal.parse().unwrap();
+        let signal = choice.on(&surface, &tracer, &plan).unwrap();
+        let mut clock = Clock::new(&Silent);
+        compare(&surface, &*signal, choice.is_traced(), &plan, 4, 0.1, &mut clock).unwrap()
+    }
+
+    #[test]
+    fn compare_of_the_half_box_puts_least_squares_first() {
+        let c = compared("half_box.glb", "ao", 4000);
+        assert_eq!((c.vertices, c.triangles, c.rays_per_sample, c.hidden_samples), (12, 6, 64, 0));
+        assert!(c.error_least_squares < c.error_ours && c.error_ours < 0.5 * c.error_point, "{c:?}");
+        assert!(c.error_ours < 0.2 * c.error_average, "{c:?}");
+        // What is left without noise is what the fit cannot show, at fresh points as at its own.
+        let least = &c.rows[5];
+        assert!((least.error - least.noise - least.fresh).abs() < 0.02, "{least:?}");
+    }
+
+    #[test]
+    fn compare_of_a_shadow_keeps_the_order() {
+        let c = compared("l_shape.glb", "shadow:-0.5,2.2,-0.8,0.08", 20_000);
+        assert!(c.error_least_squares < c.error_ours && c.error_ours < c.error_average, "{c:?}");
+        assert!(c.rows.iter().all(|row| row.fresh > 0.0 && row.noise > 0.0), "{c:?}");
+    }
+
+    #[test]
+    fn compare_of_a_texture_has_no_noise() {
+        let c = compared("fence.glb", "base-color", 20_000);
+        assert_eq!((c.rays_per_sample, c.noise), (0, 0.0));
+        assert!(c.error_least_squares <= c.error_ours && c.error_least_squares > 0.0, "{c:?}");
+    }
+
+    #[test]
+    fn signal_that_a_scene_lacks_is_an_error() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/half_box.glb");
+        let scene = Scene::read(&path, &ReadOptions::default()).unwrap();
+        let surface = Surface::new(&scene, "test").unwrap();
+        let plan = Plan::new(&BakeOptions::default(), &surface.mesh).unwrap();
+        let tracer = Tracer::new(&surface.mesh, &surface).unwrap();
+        for choice in [SignalChoice::Occlusion, SignalChoice::Lightmap, SignalChoice::BaseColor] {
+            assert!(
+                matches!(choice.on(&surface, &tracer, &plan), Err(BakeError::NoSignal { .. })),
+                "{choice:?}"
+            );
+        }
+    }
+}
