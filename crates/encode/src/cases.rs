@@ -199,7 +199,7 @@ fn encode_places_at_the_limits_fit_and_beyond_do_not() {
         atlas.packing.placements[0].origin = origin;
         let is_texture = board.is_texture();
         let (mesh, adjacency) = (&board.mesh, &board.adjacency);
-        encode(mesh, adjacency, &is_texture, &atlas.charts, &atlas.packing, &board.values, &|_, _| 0.5)
+        encode(mesh, adjacency, &is_texture, &atlas.charts, &atlas.packing, &board.values, &|_, _| 0.5, None)
     };
     let (codes, _) = encode_at(1, [8180, 2036]).expect("the last corner");
     assert_eq!(codes.of_vertex(VertexId(1)).position(), Some([8190.0, 2048.0 + 2038.0]));
@@ -218,7 +218,7 @@ fn encode_refuses_what_does_not_fit() {
     let board = Board::new(&corners, &[[0, 1, 2], [1, 3, 2]], &[Some(0), None]);
     let atlas = board.atlas([64, 64]);
     let run = |is_texture: &[bool], charts: &[_], values: &[f32]| {
-        encode(&board.mesh, &board.adjacency, is_texture, charts, &atlas.packing, values, &|_, _| 0.5)
+        encode(&board.mesh, &board.adjacency, is_texture, charts, &atlas.packing, values, &|_, _| 0.5, None)
             .expect_err("a fault")
     };
     let good = [true, false];

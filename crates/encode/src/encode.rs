@@ -87,6 +87,8 @@ pub struct EncodeReport {
     pub copies_elsewhere: usize,
     /// Light vertices with a texture triangle around them.
     pub texture_vertices: usize,
+    /// Of them those that color triangles show by their vertex value.
+    pub detached: usize,
     /// Texture-vertices with more than one place in the atlas.
     pub seam_vertices: usize,
     /// Distinct pairs of light vertex and code in use: how many vertices a file without splits of its own
@@ -124,6 +126,8 @@ struct Place {
 /// - `readback`: what the finished atlas reads at a chart vertex, given the numbers of chart and chart vertex
 ///   (for example [`AtlasView::lookup`](crate::AtlasView::lookup) at [`atlas_position`]); a texture-vertex
 ///   shown as a color takes the mean over its places
+/// - `detached`: V, if any; texture-vertices that color triangles show by their vertex value all the same. The
+///   light may then jump at chart edges that end there; the caller has found that a blend would be worse
 /// - returns: the codes; deterministic
 ///
 /// Memory: 4 bytes a light vertex and 16 bytes a listed triangle stay; 16 bytes a texture triangle and 12 bytes a chart vertex more
@@ -141,11 +145,13 @@ pub fn encode(
     packing: &Packing,
     vertex_values: &[f32],
     readback: &dyn Fn(usize, usize) -> f32,
+    detached: Option<&[bool]>,
 ) -> Result<(Codes, EncodeReport), EncodeError> {
     for (what, count, expected) in [
         ("is_texture", is_texture.len(), mesh.triangle_count()),
         ("vertex values", vertex_values.len(), mesh.vertex_count()),
         ("placements", packing.placements.len(), charts.len()),
+        ("detached", detached.map_or(mesh.vertex_count(), <[bool]>::len), mesh.vertex_count()),
     ] {
         if count != expected {
             return Err(EncodeError::Length { what, count, expected });
@@ -159,7 +165,11 @@ pub fn encode(
         &textured[at].1
     };
 
-    let is_place = mixed::texture_vertices(mesh, is_texture);
+    let mut is_place = mixed::texture_vertices(mesh, is_texture);
+    for (place, &detached) in is_place.iter_mut().zip(detached.unwrap_or_default()) {
+        report.detached += usize::from(*place && detached);
+        *place &= !detached;
+    }
     let copies = Copies::choose(mesh, adjacency, is_texture, &is_place);
     report.copies_at_chart_edges = copies.at_chart_edges;
     report.copies_elsewhere = copies.elsewhere;
@@ -324,8 +334,10 @@ fn defaults(
     let mut copy_codes = Vec::with_capacity(copies.at_chart_edges + copies.elsewhere);
     for run in places.chunk_by(|a, b| a.vertex == b.vertex) {
         let vertex = run[0].vertex;
-        defaults[vertex.index()] = run[0].code;
         report.texture_vertices += 1;
+        if is_place[vertex.index()] {
+            defaults[vertex.index()] = run[0].code;
+        }
         report.seam_vertices += usize::from(run.len() > 1);
         let (low, high) = run.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), p| {
             (low.min(p.readback), high.max(p.readback))

@@ -71,7 +71,8 @@ pub fn texture_vertices(mesh: &Mesh, is_texture: &[bool]) -> Vec<bool> {
     marks
 }
 
-/// Tells the case of a triangle. `is_texture_vertex` is what [`texture_vertices`] returns.
+/// Tells the case of a triangle. `is_texture_vertex` is what [`texture_vertices`] returns, less the detached ones:
+/// an edge with a detached end is no chart edge.
 pub fn case_of(
     mesh: &Mesh,
     adjacency: &Adjacency,
@@ -95,7 +96,7 @@ pub fn case_of(
         else {
             continue;
         };
-        if !is_texture[across.index()] {
+        if !is_texture[across.index()] || !is_place[edge] || !is_place[(edge + 1) % 3] {
             continue;
         }
         chart_edges += 1;
