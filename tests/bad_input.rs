@@ -1,4 +1,5 @@
 //! Bad files and bad arguments: one clear message, the right exit code, nothing left behind.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests
 
 mod harness;
 

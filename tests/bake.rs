@@ -1,4 +1,5 @@
 //! `lightkiln bake` on our own scenes, as a user runs it.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests
 
 mod harness;
 

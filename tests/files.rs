@@ -1,4 +1,5 @@
 //! Files in and out of the program: names, folders, external buffers, make, and runs that end early.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests
 
 mod harness;
 

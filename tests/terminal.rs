@@ -1,4 +1,5 @@
 //! What the program prints and where: configuration, colours, pipes, help.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests
 
 mod harness;
 

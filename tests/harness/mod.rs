@@ -1,5 +1,5 @@
 //! What whole-program tests share: a folder of their own, a way to run the program, and a small scene to alter.
-#![allow(dead_code)] // each test file uses a part of it
+#![allow(dead_code, clippy::print_stdout)] // each test file uses a part of it
 
 pub mod room;
 
