@@ -36,10 +36,10 @@ test:
 test-build:
 	$(CARGO) test --release --locked --workspace --no-run
 
-# The optional packers of chart: they need libclang and a C++ compiler. The program is named only so that
-# libraries get the features that they have in `test`, and are not built twice.
+# The optional packers of chart: they need libclang and a C++ compiler. cli and encode are named so that libraries
+# have the features that they have in `test` and are not built twice; encode's own tests run along.
 test-xatlas:
-	$(CARGO) test --release --locked -p lightkiln-chart -p lightkiln-cli --lib --test charts \
+	$(CARGO) test --release --locked -p lightkiln-chart -p lightkiln-encode -p lightkiln-cli --lib --test charts \
 	  --features lightkiln-chart/xatlas,lightkiln-chart/uvunwrap
 
 lint:
