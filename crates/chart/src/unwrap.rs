@@ -168,6 +168,8 @@ enum Refusal {
     Hopeless,
     /// The largest chart is smaller.
     TooLarge,
+    /// Most of its rectangle would stay empty, as of a large ring's: pages are not so easily filled.
+    Sparse,
     /// The solver failed, or a coordinate is not finite.
     NotFinite,
     /// It was flattened well, but snapping turned triangles over or brought parts over each other.
@@ -177,6 +179,10 @@ enum Refusal {
     /// It was flattened, but lies over itself; labels that part it there.
     Overlaps(Option<Vec<u32>>),
 }
+
+/// Charts of more texels than the first must fill the second share of their rectangle.
+const SPARSE_TEXELS: f64 = 8192.0;
+const SPARSE_FILL: f64 = 0.3;
 
 /// What a flattening is tried for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -253,11 +259,15 @@ impl Unwrap<'_> {
         let parted = match self.attempt(patch, Purpose::Split) {
             Ok(piece) => return vec![piece],
             Err(Refusal::Overlaps(parted)) => parted.map(|label| patch.components(&label)),
+            Err(Refusal::Sparse) => {
+                let places = patch.places(self.mesh, self.options.texel_size);
+                Some(patch.components(&segment(patch, &Shape::new(patch, &places), true)))
+            }
             Err(_) => None,
         };
         let sets = match parted {
             // A clean break, or cones have not helped so far.
-            Some(sets) if sets.len() <= 3 || depth >= 5 => sets,
+            Some(sets) if (2..=3).contains(&sets.len()) || (depth >= 5 && sets.len() > 1) => sets,
             _ if depth < 40 => {
                 let places = patch.places(self.mesh, self.options.texel_size);
                 // Normals that led to nothing so often are noise.
@@ -301,6 +311,10 @@ impl Unwrap<'_> {
             uv.iter_mut().for_each(|p| *p *= room / span);
             placed = place(&uv, self.options.gutter);
             numbers.shrunk = 1;
+        }
+        let texels = f64::from(placed.size[0]) * f64::from(placed.size[1]);
+        if texels > SPARSE_TEXELS && patch.len() > 1 && rest.area() < SPARSE_FILL * texels {
+            return Err(Refusal::Sparse);
         }
         self.measure(&patch, &rest, &uv, &placed, &mut numbers);
         join_closed_cuts(&patch, &mut placed);

@@ -111,6 +111,7 @@ impl Board {
             &atlas.packing,
             &self.values,
             &|chart, vertex| view.lookup(atlas_position(&atlas.charts, &atlas.packing, chart, vertex), 0),
+            None,
         )
     }
 

@@ -19,8 +19,8 @@
 
 mod areas;
 mod candidates;
-mod fresh;
 mod denser;
+mod fresh;
 mod poisson;
 mod support;
 #[cfg(test)]
