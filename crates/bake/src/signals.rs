@@ -123,6 +123,20 @@ impl SignalChoice {
         }
     }
 
+    /// The signal with one channel, as codes hold it: colors become their luminance (Rec. ITU-R BT.709).
+    ///
+    /// # Errors
+    /// As [`Self::on`].
+    pub fn on_one_channel<'a>(
+        &self,
+        surface: &'a Surface<'a>,
+        tracer: &'a Tracer<'a>,
+        plan: &Plan,
+    ) -> Result<Box<dyn Signal + 'a>, BakeError> {
+        let signal = self.on(surface, tracer, plan)?;
+        Ok(if signal.channels() == 3 { Box::new(Luminance(signal)) } else { signal })
+    }
+
     /// Whether the signal is traced by rays. What is not has no noise.
     pub fn is_traced(&self) -> bool {
         matches!(self, Self::AmbientOcclusion | Self::Shadow { .. })
@@ -155,9 +169,57 @@ impl Signal for Shown<'_> {
     }
 }
 
+/// The luminance of a signal of three channels.
+struct Luminance<'a>(Box<dyn Signal + 'a>);
+
+impl Signal for Luminance<'_> {
+    fn channels(&self) -> usize {
+        1
+    }
+
+    fn rays_per_batch(&self) -> u32 {
+        self.0.rays_per_batch()
+    }
+
+    fn range(&self) -> [f32; 2] {
+        self.0.range()
+    }
+
+    fn batch(&self, point: SurfacePoint, key: u64, batch: u32, out: &mut [f32]) -> f32 {
+        let mut color = [0.0; 3];
+        let back = self.0.batch(point, key, batch, &mut color);
+        out[0] = Vec3::from(color).dot(Vec3::new(0.2126, 0.7152, 0.0722));
+        back
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use lightkiln_mesh::TriangleId;
+    use lightkiln_scene::{ReadOptions, Scene};
+
     use super::*;
+    use crate::options::BakeOptions;
+
+    #[test]
+    fn signal_of_one_channel_is_the_luminance() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/fence.glb");
+        let scene = Scene::read(&path, &ReadOptions::default()).unwrap();
+        let surface = Surface::new(&scene, "fence.glb").unwrap();
+        let plan = Plan::new(&BakeOptions::default(), &surface.mesh).unwrap();
+        let tracer = Tracer::new(&surface.mesh, &surface).unwrap();
+        let choice = SignalChoice::BaseColor;
+        let color = choice.on(&surface, &tracer, &plan).unwrap();
+        let one = choice.on_one_channel(&surface, &tracer, &plan).unwrap();
+        assert_eq!((color.channels(), one.channels()), (3, 1));
+        for triangle in surface.mesh.triangle_ids().step_by(97).chain([TriangleId(0)]) {
+            let point = SurfacePoint { triangle, barycentric: [0.3, 0.4] };
+            let (mut rgb, mut y) = ([0.0; 3], [0.0]);
+            color.batch(point, 1, 0, &mut rgb);
+            one.batch(point, 1, 0, &mut y);
+            assert!((0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] - y[0]).abs() < 1e-6);
+        }
+    }
 
     #[test]
     fn choice_reads_every_name() {
