@@ -94,7 +94,7 @@ validate-scenes: build validator
 	node tests/validator/schema.mjs out/scenes/*.json out/scenes/*.glb
 
 sheets: build
-	tests/sheets.sh
+	docs/sheets.sh
 
 # Also prints the tables of docs/HALF_BOX.md.
 figures: build
