@@ -105,6 +105,9 @@ figures: build
 	$(FIT) out/figures/seat.glb -o docs/figures/alpha.png $(SEAT_VIEW)
 	$(FIT) out/figures/seat.glb -o docs/figures/edge_terms.png $(SEAT_VIEW) \
 	  --regularizer edge-printed,edge --sweep alpha=0.1
+	test ! -s "$(SCENES_DIR)/flight_helmet.glb" || $(FIT) "$(SCENES_DIR)/flight_helmet.glb" --rays 128 \
+	  -o docs/figures/helmet.png --zoom 2.2 --method average,ours --regularizer edge-printed,edge \
+	  --sweep alpha=0.1
 	for n in 16 32 64; do \
 	  $(PROPS) l_shape --size $$n -o out/figures/l_shape_$$n.glb && \
 	  $(FIT) out/figures/l_shape_$$n.glb -o docs/figures/l_shape_$$n.png --signal=shadow:-0.5,2.2,-0.8,0.08 \
