@@ -40,8 +40,7 @@ pub enum SignalChoice {
 }
 
 /// What [`SignalChoice`] reads, for help texts.
-pub const SIGNALS: &str = "\
-  ao               ambient occlusion, traced
+pub const SIGNALS: &str = "  ao               ambient occlusion, traced
   occlusion        what the occlusion textures of the file show
   lightmap         what its lightmaps show (MOZ_lightmap, EXT_lightmap)
   lightmap:FILE    an image on the second set of texture coordinates
