@@ -1,4 +1,5 @@
 //! Textures as signals: what a point of a triangle shows.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests
 
 mod common;
 
