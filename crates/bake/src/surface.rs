@@ -116,7 +116,7 @@ const SIDE_POINTS: [usize; 2] = [4, 64];
 /// A double-sided sheet is seen from its back when its front is darker than this, and its back brighter by
 /// more than the second number.
 const DARK_FRONT: f32 = 0.03;
-const BRIGHTER_BACK: f32 = 0.15;
+const BRIGHTER_BACK: f32 = 0.05;
 
 impl Surface<'_> {
     /// Finds the double-sided sheets whose front faces the inside of something (tyres and caps are often

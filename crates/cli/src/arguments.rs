@@ -318,7 +318,7 @@ pub struct Render {
     #[arg(long, default_value_t = 1.0)]
     pub zoom: f32,
     /// Look at this point instead of the middle of the scene
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 3, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
     pub target: Option<Vec<f32>>,
     /// Width and height of one picture in pixels
     #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=8192))]

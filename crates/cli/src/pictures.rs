@@ -66,7 +66,11 @@ fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Pic
     surface.turn_hidden_sheets(&AmbientOcclusion::new(&tracer, &surface.mesh, distance, 0));
     let target = match arguments.target.as_deref() {
         Some([x, y, z]) => Some(Vec3::new(*x, *y, *z)),
-        _ => None,
+        Some(other) => {
+            let what = format!("--target has {} numbers, but must have 3", other.len());
+            return Err(Failure::new(Exit::Usage, what).remedy("write it as X,Y,Z"));
+        }
+        None => None,
     };
     let camera = Camera::framing(&surface.mesh.positions, target, view, arguments.zoom);
     let studio = Studio {

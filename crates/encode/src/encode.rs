@@ -137,6 +137,7 @@ struct Place {
 /// [`EncodeError::Length`], [`EncodeError::Uncharted`] and [`EncodeError::ChartTriangle`] for arrays and
 /// charts that do not fit the mesh, [`EncodeError::Position`] for an atlas larger than codes can name,
 /// [`EncodeError::NotFinite`] for a value that is shown and is none.
+#[allow(clippy::too_many_arguments)] // each is the product of another stage; a struct of them would have one user
 pub fn encode(
     mesh: &Mesh,
     adjacency: &Adjacency,
