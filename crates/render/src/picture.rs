@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn srgb_of_known_values_matches_the_standard() {
-        assert_eq!((srgb(0.0), srgb(1.0), srgb(0.214_041), srgb(2.0)), (0, 255, 128, 255));
+        assert_eq!((srgb(0.0), srgb(1.0), srgb(0.215_86), srgb(2.0)), (0, 255, 128, 255));
     }
 
     #[test]
