@@ -106,6 +106,7 @@ fn classes(all: &Everything<'_>) -> Classes {
         mixed: class(&|t| !is_texture(t) && touches(t)),
         color: class(&|t| !is_texture(t) && !touches(t)),
         texture_before_closing: class(&|t| all.lit.needs_texture[t.index()]),
+        decision_bound: all.lit.decision_bound,
         rounds: shown.rounds,
         promoted: shown.promoted,
         promoted_for_bytes: shown.promoted_for_bytes,

@@ -80,8 +80,9 @@ pub fn bake(
     let tracer = Tracer::new(&surface.mesh, &surface)?;
     let signal = AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, plan.seed);
     surface.turn_hidden_sheets(&AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, 0));
-    let lit = shade::light_fit_classify(&surface, &signal, samples, &plan, &mut clock)?;
+    let mut lit = shade::light_fit_classify(&surface, &signal, samples, &plan, &mut clock)?;
     let seen = verify::seen_points(&surface, &signal, lit.estimates.rays(), &plan, &mut clock);
+    lit.tighten(&surface, &seen, &plan);
     let shown = rounds::chart_texel_encode(&surface, &signal, &lit, &seen, &plan, &mut clock)?;
     let written = output::write(&surface, &shown, &plan, options, output, &mut clock)?;
     let errors = verify::written_file(&surface, &signal, &lit, &seen, &shown, &written, &plan, &mut clock)?;

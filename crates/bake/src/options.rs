@@ -43,7 +43,7 @@ impl Quality {
             },
             Self::Normal => Effort {
                 samples: 250_000,
-                denser_rounds: 2,
+                denser_rounds: 3,
                 sample_batches: [4, 32],
                 texel_batches: [4, 24],
                 texel_noise: 0.01,
@@ -53,7 +53,7 @@ impl Quality {
             },
             Self::Final => Effort {
                 samples: 1_000_000,
-                denser_rounds: 3,
+                denser_rounds: 4,
                 sample_batches: [8, 128],
                 texel_batches: [8, 96],
                 texel_noise: 0.005,

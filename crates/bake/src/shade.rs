@@ -9,11 +9,13 @@ use lightkiln_classify::{Residuals, Verdict, classify};
 use lightkiln_fit::{Bounds, FitOptions, Observations, fit};
 use lightkiln_light::{Estimates, Signal};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
+use lightkiln_report::TOLERATED_SHARE;
 use lightkiln_sample::Samples;
 use rayon::prelude::*;
 
 use crate::clock::Clock;
 use crate::options::{CONFIDENCE, Plan};
+use crate::verify::References;
 use crate::{BakeError, Surface};
 
 /// Samples with their light, the vertex values fitted to them, and what follows for each triangle.
@@ -28,9 +30,35 @@ pub struct Lit {
     pub values: Vec<f32>,
     /// Whether the bound asks for texture, per triangle.
     pub needs_texture: Vec<bool>,
+    /// The bound that this was decided by: the one asked for, or a tighter one, see [`Lit::tighten`].
+    pub decision_bound: f32,
 }
 
+/// How much tighter the next bound is that is tried, and the tightest.
+const TIGHTER: f32 = 0.75;
+const TIGHTEST: f32 = 0.25;
+
 impl Lit {
+    /// Decides again by a tighter bound, where fresh points say that the samples promise too much: on scanned and
+    /// broken meshes light changes so much between samples that more than half of the share that
+    /// [`lightkiln_report::TOLERATED_SHARE`] tolerates lies beyond the bound.
+    pub fn tighten(&mut self, surface: &Surface<'_>, seen: &References, plan: &Plan) {
+        loop {
+            let shown = |p: SurfacePoint| interpolate(surface, &self.values, p);
+            let is_texture = |p: SurfacePoint| self.needs_texture[p.triangle.index()];
+            let bound = seen.judge(&shown, &is_texture, plan.max_error).bound;
+            let tighter = self.decision_bound * TIGHTER;
+            if bound.color_share_beyond() <= TOLERATED_SHARE / 2.0 || tighter < plan.max_error * TIGHTEST {
+                return;
+            }
+            self.decision_bound = tighter;
+            let (samples, estimates) = (&self.samples, &self.estimates);
+            let verdicts =
+                classify_triangles(surface, samples, estimates, &self.weights, &self.values, tighter);
+            self.needs_texture = verdicts.iter().map(|v| *v == Verdict::Texture).collect();
+        }
+    }
+
     /// Whether a value breaks the bound at a sample, beyond the sample's noise.
     pub fn is_beyond(&self, sample: usize, shown: f32, limit: f32) -> bool {
         let noise = CONFIDENCE * self.estimates.variance_of_mean(sample, 0).sqrt();
@@ -61,7 +89,7 @@ pub fn light_fit_classify(
         clock.stage("fit");
         let values = fit_vertices(surface, &samples, &estimates, &weights)?;
         clock.stage("classify");
-        let verdicts = classify_triangles(surface, &samples, &estimates, &weights, &values, plan);
+        let verdicts = classify_triangles(surface, &samples, &estimates, &weights, &values, plan.max_error);
         let mut open = 0_usize;
         for (triangle, _) in verdicts.iter().enumerate().filter(|(_, v)| **v == Verdict::Open) {
             for sample in samples.of_triangle(TriangleId(triangle as u32)) {
@@ -79,7 +107,8 @@ pub fn light_fit_classify(
             };
             if unsure.is_empty() {
                 let needs_texture = verdicts.iter().map(|v| *v == Verdict::Texture).collect();
-                return Ok(Lit { samples, estimates, weights, values, needs_texture });
+                let decision_bound = plan.max_error;
+                return Ok(Lit { samples, estimates, weights, values, needs_texture, decision_bound });
             }
             densified += 1;
             let (denser, from) = samples.denser(&surface.mesh, &unsure, plan.seed);
@@ -96,7 +125,7 @@ pub fn light_fit_classify(
 }
 
 /// A triangle with this many samples knows its light as well as three vertex values can.
-const ENOUGH_SAMPLES: usize = 4;
+const ENOUGH_SAMPLES: usize = 6;
 
 /// Triangles smaller than this share of a squared radius are left alone: too small to be seen, and on CAD
 /// meshes too many.
@@ -224,7 +253,7 @@ fn classify_triangles(
     estimates: &Estimates,
     weights: &[f32],
     values: &[f32],
-    plan: &Plan,
+    bound: f32,
 ) -> Vec<Verdict> {
     let errors: Vec<f32> = (0..samples.points.len())
         .into_par_iter()
@@ -238,5 +267,5 @@ fn classify_triangles(
         sigmas: &sigmas,
         valid: &valid,
     };
-    classify(&residuals, plan.max_error, CONFIDENCE)
+    classify(&residuals, bound, CONFIDENCE)
 }

@@ -119,6 +119,8 @@ pub struct Classes {
     pub color: Class,
     /// Texture triangles before closing: where the bound asked for them.
     pub texture_before_closing: Class,
+    /// The error beyond which a triangle was given texels: the bound, or less where fresh points asked for it.
+    pub decision_bound: f32,
     /// Rounds of charting, encoding and checking.
     pub rounds: usize,
     /// Color triangles promoted because the decoded light broke the bound.

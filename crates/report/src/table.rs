@@ -79,9 +79,10 @@ fn classes(out: &mut String, report: &Report) {
         out,
         "texture",
         &format!(
-            "{} (the bound asked for {:.2} %)",
+            "{} ({:.2} % err by more than {:.4})",
             row(&classes.texture),
-            classes.texture_before_closing.area_share * 100.0
+            classes.texture_before_closing.area_share * 100.0,
+            classes.decision_bound
         ),
     );
     line(out, "mixed", &row(&classes.mixed));
