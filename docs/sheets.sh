@@ -22,8 +22,6 @@ sheet() { # scene file, name, view, zoom
 sheet "$work/seat_in.glb" seat 35,15 1
 "$props" car --size 150000 -o "$work/car_in.glb"
 sheet "$work/car_in.glb" car 35,20 1
-"$lightkiln" render "$work/seat.glb" -o docs/readme.png --quiet --size 480 --rays 1024 --view 35,15 \
-  --mode reference,point,light
 
 while read -r file view zoom; do
   if [ -f "$scenes/$file.glb" ]; then
@@ -39,3 +37,8 @@ antique_camera -40,15 1
 lamborghini_huracan 35,20 1
 dream_apartment 35,50 1.2
 SCENES
+
+if [ -f "$work/toy_car.glb" ]; then
+  "$lightkiln" render "$work/toy_car.glb" -o docs/readme.png --quiet --size 480 --rays 1024 --view 35,22 \
+    --zoom 2.5 --target=0,0.008,0 --mode reference,point,light
+fi
