@@ -61,7 +61,7 @@ pub struct Baked {
 /// The same input, options and seed give the same bytes for any number of threads.
 ///
 /// # Errors
-/// [`BakeError`]; nothing is written then.
+/// [`BakeError`]. Nothing is written then, except with [`BakeError::ReadBack`], which is found in the written file.
 pub fn bake(
     input: &Path,
     output: &Path,

@@ -121,15 +121,14 @@ fn write_exrs(shown: &Shown, output: &Path) -> Result<Vec<PathBuf>, BakeError> {
 /// # Errors
 /// What the system says.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".{}.part", std::process::id()));
-    let part = path.with_file_name(name);
-    let written = std::fs::File::create(&part)
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let temporary = path.with_file_name(format!(".{name}.{}.tmp", std::process::id()));
+    let written = std::fs::File::create(&temporary)
         .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-        .and_then(|()| std::fs::rename(&part, path));
+        .and_then(|()| std::fs::rename(&temporary, path));
     if written.is_err() {
-        // The part may not exist; either way there is nothing more to do about it.
-        let _ = std::fs::remove_file(&part);
+        // It may not even exist; either way there is nothing more to do about it.
+        let _ = std::fs::remove_file(&temporary);
     }
     written
 }

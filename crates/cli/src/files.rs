@@ -1,6 +1,6 @@
 //! Outputs that appear whole or not at all.
 
-use std::fs::{File, OpenOptions};
+use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -15,22 +15,9 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let written = if is_device(path) {
         OpenOptions::new().write(true).open(path).and_then(|mut file| file.write_all(bytes))
     } else {
-        write_and_rename(path, bytes)
+        lightkiln_bake::output::write_whole(path, bytes)
     };
     written.map_err(|error| Failure::writing(path, &error))
-}
-
-fn write_and_rename(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = path.with_file_name(format!(".{name}.{}.tmp", std::process::id()));
-    let written = File::create(&temporary)
-        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-        .and_then(|()| std::fs::rename(&temporary, path));
-    if written.is_err() {
-        // It may not even exist; either way there is nothing more to do about it.
-        let _ = std::fs::remove_file(&temporary);
-    }
-    written
 }
 
 /// Makes sure before any work is done that outputs can be written: each has a folder, none is an input, and no

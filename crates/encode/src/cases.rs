@@ -188,6 +188,37 @@ fn mixed_degenerate_and_non_manifold_do_not_panic() {
 }
 
 #[test]
+fn mixed_detached_vertices_show_their_value() {
+    // (1, 3, 2) beside the texture triangle (0, 1, 2): a chart edge 1-2, of which one end or both are detached.
+    let corners = [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0]];
+    let board = Board::new(&corners, &[[0, 1, 2], [1, 3, 2]], &[Some(0), None]);
+    let atlas = board.atlas([64, 64]);
+    let run = |detached: &[bool]| {
+        let (mesh, adjacency, is_texture) = (&board.mesh, &board.adjacency, board.is_texture());
+        let (charts, packing) = (&atlas.charts, &atlas.packing);
+        encode(mesh, adjacency, &is_texture, charts, packing, &board.values, &|_, _| 0.5, Some(detached))
+    };
+    for (detached, is_color, count) in [
+        ([false; 4], [false, true, false], 0),
+        ([false, true, false, false], [true, true, false], 1),
+        ([false, true, true, true], [true; 3], 2),
+    ] {
+        let (codes, report) = run(&detached).expect("fits");
+        let own = codes.of_triangle(&board.mesh, TriangleId(1));
+        assert_eq!((kinds(own), report.detached), (is_color, count), "{detached:?}");
+        for (code, v) in own.iter().zip([1, 3, 2]).filter(|(code, _)| code.is_color()) {
+            assert_eq!(*code, LightCode::color(board.values[v]), "vertex {v}");
+        }
+        assert_eq!(
+            kinds(codes.of_triangle(&board.mesh, TriangleId(0))),
+            [false; 3],
+            "the chart keeps its places"
+        );
+    }
+    assert!(matches!(run(&[true]), Err(EncodeError::Length { what: "detached", .. })));
+}
+
+#[test]
 fn encode_places_at_the_limits_fit_and_beyond_do_not() {
     let corners = [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]];
     let board = Board::new(&corners, &[[0, 1, 2]], &[Some(0)]);
