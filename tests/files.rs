@@ -116,6 +116,14 @@ fn bake_one_of_two_scenes() {
     let folder = Folder::new("scenes");
     let (input, out) = (write_room(&folder), folder.path("out.glb"));
     assert_eq!(bake(&input, &out, &["--scene", "1"])["scene"]["triangles"], 2);
+    succeed([
+        "verify".as_ref(),
+        out.as_os_str(),
+        "--scene".as_ref(),
+        "1".as_ref(),
+        "--points".as_ref(),
+        "500".as_ref(),
+    ]);
     assert_eq!(bake(&input, &out, &["--scene", "0", "--ao-distance", "1"])["scene"]["triangles"], 4);
     let said = fail(1, draft(&input, &out, &["--scene", "2"]));
     assert!(said.contains("scene 2") && said.contains("has 2"), "{said}");

@@ -258,6 +258,8 @@ pub struct VerifyOptions {
     pub rays: u32,
     /// Seed of points and rays.
     pub seed: u64,
+    /// Which scene of the file; its default scene if none.
+    pub scene: Option<usize>,
 }
 
 /// Reads a baked file, decodes what the GPU shows, and compares it with freshly traced light.
@@ -271,7 +273,7 @@ pub fn verify_file(
 ) -> Result<Errors, BakeError> {
     let mut clock = Clock::new(progress);
     clock.stage("read");
-    let scene = Scene::read(path, &ReadOptions::default())?;
+    let scene = Scene::read(path, &ReadOptions { scene: options.scene, ..ReadOptions::default() })?;
     let file = crate::file_name(path);
     let light = FileLight::read(&scene, &file)?;
     let surface = Surface::new(&scene, &file)?;

@@ -296,6 +296,9 @@ pub struct Verify {
     /// Seed of the points and rays; the bake used others
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+    /// Which scene of the file [default: the file's default scene]
+    #[arg(long, value_name = "N")]
+    pub scene: Option<usize>,
     #[command(flatten)]
     pub common: Common,
 }
@@ -326,6 +329,9 @@ pub struct Render {
     /// Rays per pixel for modes that trace light
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=65536))]
     pub rays: u32,
+    /// Which scene of the file [default: the file's default scene]
+    #[arg(long, value_name = "N")]
+    pub scene: Option<usize>,
     #[command(flatten)]
     pub common: Common,
 }

@@ -139,6 +139,7 @@ fn run_verify(arguments: &Verify) -> Result<Exit, Failure> {
         points: arguments.points as usize,
         rays: arguments.rays,
         seed: arguments.seed,
+        scene: arguments.scene,
     };
     let verified = lightkiln_bake::verify::verify_file(&arguments.file, &options, &stages);
     stages.finish();

@@ -43,7 +43,8 @@ fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Pic
     let mut clock = Clock::new(stages);
     clock.stage("read");
     let scene =
-        Scene::read(&arguments.file, &ReadOptions::default()).map_err(lightkiln_bake::BakeError::from)?;
+        Scene::read(&arguments.file, &ReadOptions { scene: arguments.scene, ..ReadOptions::default() })
+            .map_err(lightkiln_bake::BakeError::from)?;
     let surface = Surface::new(&scene, &file)?;
     let tracer = Tracer::new(&surface.mesh, &surface).map_err(lightkiln_bake::BakeError::from)?;
     let light = FileLight::read(&scene, &file);
