@@ -46,7 +46,7 @@ impl Lit {
         loop {
             let shown = |p: SurfacePoint| interpolate(surface, &self.values, p);
             let is_texture = |p: SurfacePoint| self.needs_texture[p.triangle.index()];
-            let bound = seen.judge(&shown, &is_texture, plan.max_error).bound;
+            let bound = seen.judge(surface, &shown, &is_texture, plan.max_error).bound;
             let tighter = self.decision_bound * TIGHTER;
             if bound.color_share_beyond() <= TOLERATED_SHARE / 2.0 || tighter < plan.max_error * TIGHTEST {
                 return;

@@ -1,11 +1,12 @@
 //! The last stage judges all others: what the GPU will show, at points that no fit has seen, against
 //! converged references.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use lightkiln_light::{AmbientOcclusion, Estimates, Signal, Tracer};
 use lightkiln_mesh::{SurfacePoint, VertexId, random};
-use lightkiln_report::{BoundCheck, ErrorSummary, Errors};
+use lightkiln_report::{BoundCheck, Coarse, ErrorSummary, Errors};
 use lightkiln_sample::fresh_points;
 use lightkiln_scene::{ReadOptions, Scene};
 use rayon::prelude::*;
@@ -16,6 +17,9 @@ use crate::output::Written;
 use crate::rounds::Shown;
 use crate::shade::{Lit, interpolate, refine};
 use crate::{BakeError, FileLight, Surface};
+
+/// How many nodes with coarse texels a report names.
+const COARSE_NODES: usize = 10;
 
 /// Fresh points with converged light.
 pub struct References {
@@ -79,6 +83,7 @@ impl References {
     /// The error of a hybrid, as a whole and by class, and what the bound says of it.
     pub fn judge(
         &self,
+        surface: &Surface<'_>,
         shown: &(dyn Fn(SurfacePoint) -> f32 + Sync),
         is_texture: &(dyn Fn(SurfacePoint) -> bool + Sync),
         limit: f32,
@@ -110,7 +115,29 @@ impl References {
                 texture_points_beyond,
                 texture_points,
             },
+            coarse: self.coarse(surface, shown, is_texture, limit),
         }
+    }
+
+    /// The nodes with most points in texture triangles beyond the bound.
+    fn coarse(
+        &self,
+        surface: &Surface<'_>,
+        shown: &(dyn Fn(SurfacePoint) -> f32 + Sync),
+        is_texture: &(dyn Fn(SurfacePoint) -> bool + Sync),
+        limit: f32,
+    ) -> Vec<Coarse> {
+        let mut points = BTreeMap::new();
+        for (i, &point) in self.points.iter().enumerate() {
+            if is_texture(point) && self.is_beyond(i, shown(point), limit) {
+                *points.entry(surface.scene.part_name(surface.part_of(point.triangle).0)).or_insert(0) += 1;
+            }
+        }
+        let mut coarse: Vec<Coarse> =
+            points.into_iter().map(|(name, points)| Coarse { name, points }).collect();
+        coarse.sort_by_key(|c| std::cmp::Reverse(c.points));
+        coarse.truncate(COARSE_NODES);
+        coarse
     }
 
     /// Whether a value breaks the bound at a visible point, beyond the noise of its reference.
@@ -186,7 +213,7 @@ pub fn written_file(
     let (at_vertices, vertex_rays) = point_samples(surface, signal, &fresh, plan, clock);
 
     let mut errors =
-        fresh.judge(&|p| light.show(&view, p), &|p| light.is_texture(p.triangle), plan.max_error);
+        fresh.judge(surface, &|p| light.show(&view, p), &|p| light.is_texture(p.triangle), plan.max_error);
     errors.point_sampling = Some(fresh.errors(&|p| interpolate(surface, &at_vertices, p), &|_| true));
     errors.least_squares = Some(fresh.errors(&|p| interpolate(surface, &lit.values, p), &|_| true));
     [errors.bound.samples_beyond, errors.bound.samples_checked] =
@@ -287,5 +314,5 @@ pub fn verify_file(
     let fresh = References::trace(&surface, &signal, options.points, batches, seed, &clock);
     let view = light.view()?;
     let limit = light.extension.max_error;
-    Ok(fresh.judge(&|p| light.show(&view, p), &|p| light.is_texture(p.triangle), limit))
+    Ok(fresh.judge(&surface, &|p| light.show(&view, p), &|p| light.is_texture(p.triangle), limit))
 }

@@ -199,6 +199,19 @@ pub struct Errors {
     pub texture: ErrorSummary,
     /// What the bound says of all this.
     pub bound: BoundCheck,
+    /// The nodes with most fresh points in texture triangles beyond the bound, most first: there texels are too
+    /// coarse for the light.
+    pub coarse: Vec<Coarse>,
+}
+
+/// A node whose texels are too coarse for its light.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Coarse {
+    /// The node.
+    pub name: String,
+    /// Fresh points in its texture triangles beyond the bound.
+    pub points: usize,
 }
 
 /// Does the promise hold?

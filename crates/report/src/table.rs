@@ -159,6 +159,11 @@ fn errors(out: &mut String, errors: &Errors) {
     error_row(out, "  in color triangles", Some(&errors.color));
     error_row(out, "  in texture triangles", Some(&errors.texture));
     line(out, "bound", &bound_text(&errors.bound));
+    if !errors.coarse.is_empty() {
+        let nodes: Vec<String> =
+            errors.coarse.iter().take(3).map(|c| format!("{} ({})", c.name, c.points)).collect();
+        line(out, "", &format!("most of these are in {}", nodes.join(", ")));
+    }
 }
 
 /// One row of the error table.
@@ -211,6 +216,10 @@ fn bytes(out: &mut String, report: &Report) {
             bytes_text(bytes.atlas_waste),
         ),
     );
+    if bytes.instances_unshared > 0 {
+        let lost = count(bytes.instances_unshared as u64);
+        line(out, "", &format!("{lost} instances were written apart, because each shows light of its own"));
+    }
     let full = &bytes.full_lightmap;
     let versus = |other: u64| {
         if other == 0 { String::new() } else { format!(" ({:.2} x)", bytes.total as f64 / other as f64) }
