@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let samples = poisson_disk(&surface.mesh, &SampleOptions { radius: plan.radius, seed: plan.seed })?;
     let tracer = Tracer::new(&surface.mesh, &surface)?;
     let signal = AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, plan.seed);
-    surface.turn_hidden_sheets(&AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, 0));
+    surface.turn_hidden_sheets(&tracer, plan.ao_distance);
     let mut lit = shade::light_fit_classify(&surface, &signal, samples, &plan, &mut clock)?;
     let seen = verify::seen_points(&surface, &signal, lit.estimates.rays(), &plan, &mut clock);
     lit.tighten(&surface, &seen, &plan);

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use lightkiln_light::{AmbientOcclusion, SurfaceFlags, Surfaces};
+use lightkiln_light::{AmbientOcclusion, SurfaceFlags, Surfaces, Tracer};
 use lightkiln_mesh::{Adjacency, Fans, Mesh, Source, SurfacePoint, TriangleId, VertexId, random, weld};
 use lightkiln_scene::Scene;
 use rayon::prelude::*;
@@ -122,9 +122,12 @@ impl Surface<'_> {
     /// Finds the double-sided sheets whose front faces the inside of something (tyres and caps are often
     /// exported so), and from then on asks for the light on their backs. To be called once.
     ///
-    /// The decision depends on the geometry and the signal's distance only, so that a later look at the same
-    /// file comes to the same one.
-    pub fn turn_hidden_sheets(&self, occlusion: &AmbientOcclusion<'_>) {
+    /// - `distance`: what is farther away does not darken, in units of the mesh; may be infinite
+    ///
+    /// The decision depends on the geometry and the distance only, not on the seed of a bake, so that a later look
+    /// at the same file comes to the same one.
+    pub fn turn_hidden_sheets(&self, tracer: &Tracer<'_>, distance: f32) {
+        let occlusion = &AmbientOcclusion::new(tracer, &self.mesh, distance, 0);
         let (sheet_of, count) = lightkiln_mesh::sheets(&self.mesh);
         let mut triangles: Vec<Vec<TriangleId>> = vec![Vec::new(); count];
         let mut open_to_question = vec![true; count];
@@ -162,11 +165,6 @@ impl Surface<'_> {
             }
         }
         front < DARK_FRONT && back > front + BRIGHTER_BACK
-    }
-
-    /// How many triangles show the light on their back.
-    pub fn turned_triangles(&self) -> usize {
-        self.mesh.triangle_ids().filter(|&t| self.flags(t).turned).count()
     }
 }
 

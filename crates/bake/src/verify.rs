@@ -307,7 +307,7 @@ pub fn verify_file(
     let tracer = Tracer::new(&surface.mesh, &surface)?;
     let distance = light.extension.distance.unwrap_or(f32::INFINITY);
     let signal = AmbientOcclusion::new(&tracer, &surface.mesh, distance, options.seed ^ VERIFY_STREAM);
-    surface.turn_hidden_sheets(&AmbientOcclusion::new(&tracer, &surface.mesh, distance, 0));
+    surface.turn_hidden_sheets(&tracer, distance);
     clock.stage("verify");
     let batches = options.rays.div_ceil(signal.rays_per_batch()).clamp(2, u32::from(u16::MAX)) as u16;
     let seed = options.seed ^ VERIFY_STREAM;

@@ -71,14 +71,4 @@ pub enum ChartError {
         /// The triangle.
         triangle: u32,
     },
-    /// A chart is larger than a page of the atlas.
-    #[error("chart {chart} of {} x {} texels does not fit a page of {max_page}", size[0], size[1])]
-    ChartTooLarge {
-        /// The chart's number.
-        chart: u32,
-        /// Its size in texels.
-        size: [u32; 2],
-        /// Texels per side of the largest page.
-        max_page: u32,
-    },
 }

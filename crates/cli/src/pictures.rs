@@ -64,7 +64,7 @@ fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Pic
         Some(light) => light.extension.distance.unwrap_or(f32::INFINITY),
         None => diagonal * options::DEFAULT_DISTANCE,
     };
-    surface.turn_hidden_sheets(&AmbientOcclusion::new(&tracer, &surface.mesh, distance, 0));
+    surface.turn_hidden_sheets(&tracer, distance);
     let target = match arguments.target.as_deref() {
         Some([x, y, z]) => Some(Vec3::new(*x, *y, *z)),
         Some(other) => {

@@ -9,7 +9,7 @@ use lightkiln_bake::compare::{Comparison, Gathered, Row, Tried, Way, compare, tr
 use lightkiln_bake::signals::{SIGNALS, SignalChoice};
 use lightkiln_bake::{BakeError, BakeOptions, Clock, Plan, Surface};
 use lightkiln_fit::{Mass, Method, Regularizer};
-use lightkiln_light::{AmbientOcclusion, Hit, Signal, Tracer};
+use lightkiln_light::{Hit, Signal, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
 use lightkiln_render::{Camera, Picture, View, render};
 use lightkiln_report::bytes_text;
@@ -208,7 +208,7 @@ impl Sampling {
         };
         let plan = Plan::new(&options, &surface.mesh)?;
         let tracer = Tracer::new(&surface.mesh, &surface).map_err(BakeError::from)?;
-        surface.turn_hidden_sheets(&AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, 0));
+        surface.turn_hidden_sheets(&tracer, plan.ao_distance);
         let signal = self.signal.on(&surface, &tracer, &plan)?;
         // Where nothing is traced, one look is enough.
         let batches =
