@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use glam::Vec3;
-use lightkiln_light::{AmbientOcclusion, Disk, Shadow, Signal, Tracer};
+use lightkiln_light::{AmbientOcclusion, Disk, Layer, Shadow, Signal, Tracer};
 use lightkiln_mesh::SurfacePoint;
 use lightkiln_scene::{Slot, Textures};
 
@@ -101,7 +101,8 @@ impl SignalChoice {
     ) -> Result<Box<dyn Signal + 'a>, BakeError> {
         let shown = |textures: Option<Textures<'a>>, what: &str| -> Result<Box<dyn Signal + 'a>, BakeError> {
             let textures = textures.ok_or_else(|| BakeError::NoSignal { what: what.to_owned() })?;
-            Ok(Box::new(Shown { surface, textures }))
+            let layer = Layer { channels: textures.channels(), ..Layer::scalar(what) };
+            Ok(Box::new(Shown { surface, textures, layers: [layer] }))
         };
         let scene = surface.scene;
         match self {
@@ -133,7 +134,11 @@ impl SignalChoice {
         plan: &Plan,
     ) -> Result<Box<dyn Signal + 'a>, BakeError> {
         let signal = self.on(surface, tracer, plan)?;
-        Ok(if signal.channels() == 3 { Box::new(Luminance(signal)) } else { signal })
+        Ok(if signal.channels() == 3 {
+            Box::new(Luminance(signal, [Layer::scalar("luminance")]))
+        } else {
+            signal
+        })
     }
 
     /// Whether the signal is traced by rays. What is not has no noise.
@@ -146,11 +151,12 @@ impl SignalChoice {
 struct Shown<'a> {
     surface: &'a Surface<'a>,
     textures: Textures<'a>,
+    layers: [Layer; 1],
 }
 
 impl Signal for Shown<'_> {
-    fn channels(&self) -> usize {
-        self.textures.channels()
+    fn layers(&self) -> &[Layer] {
+        &self.layers
     }
 
     /// One look says all there is: as much as very many rays.
@@ -169,19 +175,15 @@ impl Signal for Shown<'_> {
 }
 
 /// The luminance of a signal of three channels.
-struct Luminance<'a>(Box<dyn Signal + 'a>);
+struct Luminance<'a>(Box<dyn Signal + 'a>, [Layer; 1]);
 
 impl Signal for Luminance<'_> {
-    fn channels(&self) -> usize {
-        1
+    fn layers(&self) -> &[Layer] {
+        &self.1
     }
 
     fn rays_per_batch(&self) -> u32 {
         self.0.rays_per_batch()
-    }
-
-    fn range(&self) -> [f32; 2] {
-        self.0.range()
     }
 
     fn batch(&self, point: SurfacePoint, key: u64, batch: u32, out: &mut [f32]) -> f32 {

@@ -10,7 +10,7 @@
 use lightkiln_mesh::SurfacePoint;
 use rayon::prelude::*;
 
-use crate::Signal;
+use crate::{Domain, Signal};
 
 /// How many batches the expected spread counts for.
 const PRIOR_BATCHES: f64 = 4.0;
@@ -20,6 +20,8 @@ const PRIOR_GAIN: f64 = 0.85;
 /// The part of a stratum (a share of 1 / rays) that stratification cannot know however regular the occluder:
 /// what covers less than a stratum is met as if rays were independent, what covers more has an edge.
 const LEAST_STRATA: f64 = 0.7;
+/// The share of the squared mean of all points that a dark point is not trusted with.
+const DARK_SHARE: f64 = 0.01;
 /// Points that a thread works on at a time: large enough to hide the hand-over, small enough to balance.
 const CHUNK: usize = 64;
 /// Backs seen first in this share of directions mean that a point lies inside other geometry.
@@ -39,7 +41,16 @@ pub struct Estimates {
     /// Share of backs seen first, in 255ths.
     backs: Vec<u8>,
     rays_per_batch: u32,
-    range: [f32; 2],
+    spreads: Vec<Expected>,
+}
+
+/// What the spread of a channel is expected to be before a point has shown its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Expected {
+    /// That of yes-or-no rays between two numbers.
+    Rays { low: f32, high: f32 },
+    /// What the other points have: the variance of a batch relative to the squared mean, and the mean of all.
+    Pooled { relative: f64, mean: f64 },
 }
 
 impl Estimates {
@@ -52,7 +63,7 @@ impl Estimates {
             batches: vec![0; points],
             backs: vec![0; points],
             rays_per_batch: 0,
-            range: [0.0, 1.0],
+            spreads: vec![Expected::Rays { low: 0.0, high: 1.0 }; channels],
         }
     }
 
@@ -69,7 +80,6 @@ impl Estimates {
         assert!(signal.channels() == channels, "a signal of {} channels for {channels}", signal.channels());
         assert!(points.len() == count && keys.len() == count && wanted.len() == count, "one of each a point");
         self.rays_per_batch = signal.rays_per_batch();
-        self.range = signal.range();
         if channels == 0 {
             return;
         }
@@ -96,6 +106,35 @@ impl Estimates {
                     }
                 },
             );
+        self.spreads = self.expected_spreads(signal);
+    }
+
+    /// What is known of the spreads by now. One thread sums in a fixed order.
+    fn expected_spreads(&self, signal: &dyn Signal) -> Vec<Expected> {
+        let domains = signal.layers().iter().flat_map(|l| std::iter::repeat_n(l.domain, l.channels));
+        domains
+            .enumerate()
+            .map(|(channel, domain)| match domain {
+                Domain::Bounded { low, high } => Expected::Rays { low, high },
+                Domain::Hdr | Domain::SignedHdr => self.pooled_spread(channel),
+            })
+            .collect()
+    }
+
+    fn pooled_spread(&self, channel: usize) -> Expected {
+        let (mut variance, mut square, mut sum, mut count) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+        for (point, &batches) in self.batches.iter().enumerate().filter(|(_, b)| **b > 1) {
+            let at = point * self.channels + channel;
+            let mean = f64::from(self.mean[at]);
+            variance += f64::from(self.m2[at]) / (f64::from(batches) - 1.0);
+            square += mean * mean;
+            sum += mean.abs();
+            count += 1.0;
+        }
+        if square == 0.0 {
+            return Expected::Pooled { relative: 1.0, mean: 0.0 };
+        }
+        Expected::Pooled { relative: variance / square, mean: sum / count }
     }
 
     /// The same estimates for other points: point `i` continues point `from[i]` of these, or starts anew.
@@ -105,7 +144,7 @@ impl Estimates {
     pub fn rearranged(&self, from: &[Option<u32>]) -> Self {
         let mut out = Self {
             rays_per_batch: self.rays_per_batch,
-            range: self.range,
+            spreads: self.spreads.clone(),
             ..Self::new(from.len(), self.channels)
         };
         for (to, from) in from.iter().enumerate() {
@@ -151,19 +190,29 @@ impl Estimates {
             return f32::INFINITY;
         }
         let at = i * self.channels + channel;
-        let [low, high] = self.range.map(f64::from);
-        let extent = high - low;
-        let rays = f64::from(self.rays_per_batch);
-        // The share of rays that say yes, drawn to the middle by two of each (Agresti and Coull 1998).
-        let yes = ((f64::from(self.mean[at]) - low) / extent).clamp(0.0, 1.0) * rays * batches;
-        let share = (yes + 2.0) / (rays * batches + 4.0);
-        let independent = share * (1.0 - share);
-        let unit = extent * extent / rays;
-        let least = independent.min(LEAST_STRATA / rays) * unit;
-        let expected = (PRIOR_GAIN * independent * unit).max(least);
-        let weighed = PRIOR_BATCHES * expected + f64::from(self.m2[at]);
-        let of_batch = (weighed / (PRIOR_BATCHES + batches - 1.0)).max(least);
-        (of_batch / batches) as f32
+        let m2 = f64::from(self.m2[at]);
+        let weighed =
+            |expected: f64| (PRIOR_BATCHES * expected + m2) / (PRIOR_BATCHES + batches - 1.0) / batches;
+        let variance = match self.spreads[channel] {
+            Expected::Rays { low, high } => {
+                let (low, high) = (f64::from(low), f64::from(high));
+                let extent = high - low;
+                let rays = f64::from(self.rays_per_batch);
+                // The share of rays that say yes, drawn to the middle by two of each (Agresti and Coull 1998).
+                let yes = ((f64::from(self.mean[at]) - low) / extent).clamp(0.0, 1.0) * rays * batches;
+                let share = (yes + 2.0) / (rays * batches + 4.0);
+                let independent = share * (1.0 - share);
+                let unit = extent * extent / rays;
+                let least = independent.min(LEAST_STRATA / rays) * unit;
+                weighed((PRIOR_GAIN * independent * unit).max(least)).max(least / batches)
+            }
+            Expected::Pooled { relative, mean } => {
+                // A point in the dark may have missed the light: it keeps a little of what others have.
+                let own = f64::from(self.mean[at]);
+                weighed(relative * (own * own + DARK_SHARE * mean * mean / batches))
+            }
+        };
+        variance as f32
     }
 
     /// Variance of a point's value from the spread of its batches alone: right on average over many points, where

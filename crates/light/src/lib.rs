@@ -9,6 +9,7 @@
 //! | [`origin`] | where the rays of a surface point start |
 //! | [`directions`] | a batch of directions: scrambled net, cosine-weighted |
 //! | [`signal`] | what a signal is |
+//! | [`scale`] | what stored values mean: ranges, and a perceptual curve for light |
 //! | [`occlusion`] | ambient occlusion |
 //! | [`shadow`] | the shadow of a disk that shines |
 //! | [`estimates`] | means and variances, refined where asked |
@@ -21,6 +22,7 @@ pub mod estimates;
 mod lanes;
 pub mod occlusion;
 pub mod origin;
+pub mod scale;
 pub mod shadow;
 pub mod signal;
 pub mod tracer;
@@ -30,8 +32,9 @@ mod tree;
 pub use estimates::Estimates;
 pub use occlusion::AmbientOcclusion;
 pub use origin::Origin;
+pub use scale::{Curve, Scale};
 pub use shadow::{Disk, Shadow};
-pub use signal::Signal;
+pub use signal::{Domain, Layer, Signal};
 pub use tracer::{Hit, Opaque, SurfaceFlags, Surfaces, Tracer};
 
 /// What keeps a mesh from being traced.

@@ -4,7 +4,7 @@ use glam::Vec3;
 use lightkiln_mesh::{Mesh, SurfacePoint, random};
 
 use crate::directions::{BATCH, cosine_hemisphere, frame, net};
-use crate::{Hit, Origin, Signal, Tracer};
+use crate::{Hit, Layer, Origin, Signal, Tracer};
 
 /// Ambient occlusion: 1 where the hemisphere around the shading normal is open, 0 where it is closed.
 ///
@@ -22,13 +22,14 @@ pub struct AmbientOcclusion<'a> {
     mesh: &'a Mesh,
     distance: f32,
     seed: u64,
+    layers: [Layer; 1],
 }
 
 impl<'a> AmbientOcclusion<'a> {
     /// - `distance`: what is farther away does not occlude, in units of the mesh; may be infinite
     /// - `seed`: another seed gives other rays
     pub fn new(tracer: &'a Tracer<'a>, mesh: &'a Mesh, distance: f32, seed: u64) -> Self {
-        Self { tracer, mesh, distance, seed }
+        Self { tracer, mesh, distance, seed, layers: [Layer::scalar("ambientOcclusion")] }
     }
 
     /// Openness in each direction, and the share of backs seen first that speaks for being inside.
@@ -108,8 +109,8 @@ const ENCLOSED: f32 = 0.97;
 const DARK: f32 = 0.03;
 
 impl Signal for AmbientOcclusion<'_> {
-    fn channels(&self) -> usize {
-        1
+    fn layers(&self) -> &[Layer] {
+        &self.layers
     }
 
     fn rays_per_batch(&self) -> u32 {

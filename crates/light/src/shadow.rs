@@ -7,7 +7,7 @@ use glam::Vec3;
 use lightkiln_mesh::{Mesh, SurfacePoint, random};
 
 use crate::directions::{BATCH, cosine_hemisphere, frame, net};
-use crate::{Origin, Signal, Tracer};
+use crate::{Layer, Origin, Signal, Tracer};
 
 /// A disk that shines.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,19 +29,21 @@ pub struct Shadow<'a> {
     disk: Disk,
     across: [Vec3; 2],
     seed: u64,
+    layers: [Layer; 1],
 }
 
 impl<'a> Shadow<'a> {
     /// - `seed`: another seed gives other rays
     pub fn new(tracer: &'a Tracer<'a>, mesh: &'a Mesh, disk: Disk, seed: u64) -> Self {
         let axis = disk.axis.as_dvec3().try_normalize().map_or(Vec3::Y, |axis| axis.as_vec3());
-        Self { tracer, mesh, disk, across: frame(axis).map(|a| a * disk.radius), seed }
+        let across = frame(axis).map(|a| a * disk.radius);
+        Self { tracer, mesh, disk, across, seed, layers: [Layer::scalar("shadow")] }
     }
 }
 
 impl Signal for Shadow<'_> {
-    fn channels(&self) -> usize {
-        1
+    fn layers(&self) -> &[Layer] {
+        &self.layers
     }
 
     fn rays_per_batch(&self) -> u32 {
