@@ -1,6 +1,6 @@
 //! The light of a baked file, read back as a viewer reads it: codes, atlas, and the settings of the bake.
 
-use lightkiln_encode::{AtlasView, LightCode, Texels, decode};
+use lightkiln_encode::{AtlasView, LightCode, Texels, decode_scalar};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
 use lightkiln_scene::Scene;
 use serde::{Deserialize, Serialize};
@@ -118,6 +118,6 @@ impl FileLight {
 
     /// What a GPU shows at a point.
     pub fn show(&self, view: &AtlasView<'_>, point: SurfacePoint) -> f32 {
-        decode(self.codes(point.triangle), point.barycentric, view)
+        decode_scalar(self.codes(point.triangle), point.barycentric, view)
     }
 }

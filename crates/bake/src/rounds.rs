@@ -15,7 +15,8 @@ use lightkiln_chart::pack::{PackOptions, Packing, pack};
 use lightkiln_chart::{Chart, ChartOptions, charts};
 use lightkiln_classify::{close, fill_notches, regions};
 use lightkiln_encode::{
-    AtlasView, Codes, EncodeReport, PromotionPrices, Texels, atlas_position, decode, encode, promotions,
+    AtlasView, Codes, EncodeReport, PromotionPrices, Texels, atlas_position, decode_scalar, encode,
+    promotions,
 };
 use lightkiln_light::{Estimates, Signal};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
@@ -241,7 +242,8 @@ fn show(
         &charts,
         &packing,
         vertex_values,
-        &|chart, vertex| readback[chart][vertex],
+        1,
+        &|chart, vertex, out| out[0] = readback[chart][vertex],
         Some(detached),
     )?;
     drop(view);
@@ -396,8 +398,9 @@ fn wrong_triangles(
     plan: &Plan,
 ) -> Result<Vec<TriangleId>, BakeError> {
     let view = shown.stored.view()?;
-    let show =
-        |p: SurfacePoint| decode(shown.codes.of_triangle(&surface.mesh, p.triangle), p.barycentric, &view);
+    let show = |p: SurfacePoint| {
+        decode_scalar(shown.codes.of_triangle(&surface.mesh, p.triangle), p.barycentric, &view)
+    };
     let color = |p: SurfacePoint| !is_texture[p.triangle.index()];
     let checked: Vec<usize> = (0..lit.samples.points.len())
         .filter(|&i| lit.weights[i] > 0.0 && color(lit.samples.points[i]))

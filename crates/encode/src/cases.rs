@@ -11,6 +11,11 @@ fn kinds(codes: [LightCode; 3]) -> [bool; 3] {
     codes.map(LightCode::is_color)
 }
 
+/// An atlas that reads 0.5 everywhere.
+fn half(_chart: usize, _vertex: usize, out: &mut [f32]) {
+    out.fill(0.5);
+}
+
 #[test]
 fn mixed_paper_figure_6() {
     // v0----v2----v4        # = (0, 1, 2); (2, 1, 3) has the chart edge 1-2; (2, 3, 4) hangs on 2 alone;
@@ -196,7 +201,7 @@ fn mixed_detached_vertices_show_their_value() {
     let run = |detached: &[bool]| {
         let (mesh, adjacency, is_texture) = (&board.mesh, &board.adjacency, board.is_texture());
         let (charts, packing) = (&atlas.charts, &atlas.packing);
-        encode(mesh, adjacency, &is_texture, charts, packing, &board.values, &|_, _| 0.5, Some(detached))
+        encode(mesh, adjacency, &is_texture, charts, packing, &board.values, 1, &half, Some(detached))
     };
     for (detached, is_color, count) in [
         ([false; 4], [false, true, false], 0),
@@ -230,7 +235,7 @@ fn encode_places_at_the_limits_fit_and_beyond_do_not() {
         atlas.packing.placements[0].origin = origin;
         let is_texture = board.is_texture();
         let (mesh, adjacency) = (&board.mesh, &board.adjacency);
-        encode(mesh, adjacency, &is_texture, &atlas.charts, &atlas.packing, &board.values, &|_, _| 0.5, None)
+        encode(mesh, adjacency, &is_texture, &atlas.charts, &atlas.packing, &board.values, 1, &half, None)
     };
     let (codes, _) = encode_at(1, [8180, 2036]).expect("the last corner");
     assert_eq!(codes.of_vertex(VertexId(1)).position(), Some([8190.0, 2048.0 + 2038.0]));
@@ -249,7 +254,7 @@ fn encode_refuses_what_does_not_fit() {
     let board = Board::new(&corners, &[[0, 1, 2], [1, 3, 2]], &[Some(0), None]);
     let atlas = board.atlas([64, 64]);
     let run = |is_texture: &[bool], charts: &[_], values: &[f32]| {
-        encode(&board.mesh, &board.adjacency, is_texture, charts, &atlas.packing, values, &|_, _| 0.5, None)
+        encode(&board.mesh, &board.adjacency, is_texture, charts, &atlas.packing, values, 1, &half, None)
             .expect_err("a fault")
     };
     let good = [true, false];

@@ -7,6 +7,21 @@ pub const COLOR_FLAG: u16 = 0x8000;
 /// The first integer of a color-vertex is its value in `0..=1` times this.
 pub const COLOR_STEPS: u16 = 65535;
 
+/// An RGB color-vertex has 31 bits beside the flag. They hold each channel in `0..=1` times this.
+pub const RGB_STEPS: [u32; 3] = [1023, 2047, 1023];
+
+/// Where each channel begins among those bits.
+pub const RGB_SHIFTS: [u32; 3] = [21, 10, 0];
+
+/// Bits of a color-vertex in its first integer; the others follow in the second.
+pub const LOW_BITS: u32 = 16;
+
+/// Entries in a row of the table of colors.
+pub const TABLE_WIDTH: u32 = 256;
+
+/// Most entries of a table: 32768 rows, and every index is exact as a float.
+pub const TABLE_LIMIT: usize = 1 << 23;
+
 /// The integers of a texture-vertex count parts of a texel: this many to a texel.
 pub const SUBTEXELS: u32 = lightkiln_chart::SUBTEXELS;
 
@@ -18,6 +33,12 @@ pub const ETA_EPSILON: f32 = 1.0 / 65536.0;
 
 /// What the second coordinate of a color-vertex is in the interop form of section 4.4, a pair of floats.
 pub const INTEROP_COLOR: f32 = 2.0;
+
+/// The logarithmic curve bends at white divided by this.
+pub const CURVE_KNEE: f32 = 15.0;
+
+/// The base of the logarithmic curve: one more than its knee, so that white is 1.
+pub const CURVE_BASE: f32 = 16.0;
 
 /// Name and value of each constant as the shaders spell it.
 pub const SHADER_CONSTANTS: [(&str, f64); 4] = [

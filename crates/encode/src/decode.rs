@@ -7,9 +7,12 @@
 //! The arithmetic is `f32`, as on a GPU. Two things differ between GPUs and are exact here: the weights of
 //! the bilinear filter (many GPUs round them to 1/256, so light may be off by 1/512 of the contrast of two
 //! texels per axis) and the interpolation over a pixel's position. The filter reads level 0.
+//!
+//! Everything up to there is in unit values, those that are stored. What a viewer shows is in the signal's own
+//! unit; [`undo`] goes there.
 
-use crate::constants::{COLOR_FLAG, COLOR_STEPS, ETA_EPSILON, SUBTEXELS};
-use crate::{EncodeError, LightCode};
+use crate::constants::{COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, SUBTEXELS};
+use crate::{EncodeError, LightCode, Table};
 
 /// The numbers of one page as they are stored. Integers stand for `0..=1`, floats for themselves.
 #[derive(Clone, Copy, Debug)]
@@ -122,86 +125,206 @@ impl<'a> AtlasView<'a> {
     ///
     /// The page is `floor(v / page_height)`, clamped to the pages that there are; the four texels are clamped
     /// to that page. 0 without a page, for a channel that does not exist and for NaN.
-    pub fn lookup(&self, [u, v]: [f32; 2], channel: u32) -> f32 {
-        if self.pages.is_empty() || channel >= self.channels || !(u + v).is_finite() {
-            return 0.0;
+    #[inline]
+    pub fn lookup(&self, position: [f32; 2], channel: u32) -> f32 {
+        match self.footprint(position) {
+            Some(footprint) if channel < self.channels => footprint.mix(channel as usize),
+            _ => 0.0,
+        }
+    }
+
+    /// As [`AtlasView::lookup`], of as many channels as `out` has room for.
+    #[inline]
+    pub fn read(&self, position: [f32; 2], out: &mut [f32]) {
+        let footprint = self.footprint(position);
+        for (channel, out) in out.iter_mut().enumerate() {
+            *out = match &footprint {
+                Some(footprint) if channel < self.channels as usize => footprint.mix(channel),
+                _ => 0.0,
+            };
+        }
+    }
+
+    #[inline]
+    fn footprint(&self, [u, v]: [f32; 2]) -> Option<Footprint<'a>> {
+        if self.pages.is_empty() || !(u + v).is_finite() {
+            return None;
         }
         let page_height = self.page_height as f32;
         let page = (v / page_height).floor().clamp(0.0, self.pages.len() as f32 - 1.0);
-        let texels = &self.pages[page as usize];
         // The sampler: texel centres lie at half-integers.
         let (x, y) = (u - 0.5, v - page * page_height - 0.5);
         let (left, top) = (x.floor(), y.floor());
-        let (right_share, bottom_share) = (x - left, y - top);
         let column = |x: f32| x.clamp(0.0, self.width as f32 - 1.0) as usize;
         let row = |y: f32| y.clamp(0.0, page_height - 1.0) as usize;
-        let at = |x: f32, y: f32| {
-            let texel = row(y) * self.width as usize + column(x);
-            texels.get(texel * self.channels as usize + channel as usize)
-        };
-        let mix = |a: f32, b: f32, share: f32| a * (1.0 - share) + b * share;
-        mix(
-            mix(at(left, top), at(left + 1.0, top), right_share),
-            mix(at(left, top + 1.0), at(left + 1.0, top + 1.0), right_share),
-            bottom_share,
-        )
+        let at = |x: f32, y: f32| (row(y) * self.width as usize + column(x)) * self.channels as usize;
+        Some(Footprint {
+            texels: self.pages[page as usize],
+            from: [at(left, top), at(left + 1.0, top), at(left, top + 1.0), at(left + 1.0, top + 1.0)],
+            right_share: x - left,
+            bottom_share: y - top,
+        })
     }
 }
 
-/// What the vertex stage hands on: C, UV and eta.
+/// The four texels of a lookup.
+struct Footprint<'a> {
+    texels: Texels<'a>,
+    /// Where each begins in its page: the upper two, the lower two.
+    from: [usize; 4],
+    right_share: f32,
+    bottom_share: f32,
+}
+
+impl Footprint<'_> {
+    #[inline]
+    fn mix(&self, channel: usize) -> f32 {
+        let [a, b, c, d] = self.from.map(|from| self.texels.get(from + channel));
+        let mix = |a: f32, b: f32, share: f32| a * (1.0 - share) + b * share;
+        mix(mix(a, b, self.right_share), mix(c, d, self.right_share), self.bottom_share)
+    }
+}
+
+/// What the colors of a layer's codes are.
+#[derive(Clone, Copy, Debug)]
+pub enum Form<'a> {
+    /// One value, packed.
+    Scalar,
+    /// Three values (or two, and 0), packed.
+    Rgb,
+    /// The number of an entry.
+    Table(&'a Table),
+}
+
+impl Form<'_> {
+    /// The packed form of a layer: scalar for one channel, RGB for more.
+    pub fn packed(channels: usize) -> Self {
+        if channels == 1 { Form::Scalar } else { Form::Rgb }
+    }
+
+    /// The color of a code, channels that the form does not have as 0; `None` for a texture-vertex.
+    #[inline]
+    pub fn color(&self, code: LightCode) -> Option<[f32; 3]> {
+        match self {
+            Form::Scalar => code.value().map(|value| [value, 0.0, 0.0]),
+            Form::Rgb => code.rgb(),
+            Form::Table(table) => code.index().map(|index| table.color(index)),
+        }
+    }
+}
+
+/// What the vertex stage hands on: C, UV and eta; `N` is 1 for scalar layers and 3 for others.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Varyings {
-    /// `C`: the value of a color-vertex, else 0.
-    pub color: f32,
+pub struct Varyings<const N: usize> {
+    /// `C`: the color of a color-vertex, else 0.
+    pub color: [f32; N],
     /// `UV`: the place of a texture-vertex in the stack of pages, in texels, else 0.
     pub position: [f32; 2],
     /// 1 at a texture-vertex, 0 at a color-vertex.
     pub eta: f32,
 }
 
-/// The vertex stage.
+/// The vertex stage of a scalar layer.
 #[inline]
-pub fn vertex(code: LightCode) -> Varyings {
+pub fn vertex_scalar(code: LightCode) -> Varyings<1> {
     let [x, y] = code.0.map(f32::from);
     if y >= f32::from(COLOR_FLAG) {
-        Varyings { color: x / f32::from(COLOR_STEPS), position: [0.0, 0.0], eta: 0.0 }
+        Varyings { color: [x / f32::from(COLOR_STEPS)], position: [0.0, 0.0], eta: 0.0 }
     } else {
-        Varyings { color: 0.0, position: [x / SUBTEXELS as f32, y / SUBTEXELS as f32], eta: 1.0 }
+        Varyings { color: [0.0], position: [x / SUBTEXELS as f32, y / SUBTEXELS as f32], eta: 1.0 }
+    }
+}
+
+/// The vertex stage of a layer in any form.
+#[inline]
+pub fn vertex(code: LightCode, form: &Form<'_>) -> Varyings<3> {
+    match form.color(code) {
+        Some(color) => Varyings { color, position: [0.0, 0.0], eta: 0.0 },
+        None => Varyings { color: [0.0; 3], position: code.position().unwrap_or_default(), eta: 1.0 },
     }
 }
 
 /// What the rasterizer does: the weighted sum of three corners.
 #[inline]
-pub fn interpolate(corners: [Varyings; 3], weights: [f32; 3]) -> Varyings {
-    let sum = |of: fn(&Varyings) -> f32| {
+pub fn interpolate<const N: usize>(corners: [Varyings<N>; 3], weights: [f32; 3]) -> Varyings<N> {
+    let sum = |of: &dyn Fn(&Varyings<N>) -> f32| {
         of(&corners[0]) * weights[0] + of(&corners[1]) * weights[1] + of(&corners[2]) * weights[2]
     };
     Varyings {
-        color: sum(|v| v.color),
-        position: [sum(|v| v.position[0]), sum(|v| v.position[1])],
-        eta: sum(|v| v.eta),
+        color: std::array::from_fn(|c| sum(&|v| v.color[c])),
+        position: [sum(&|v| v.position[0]), sum(&|v| v.position[1])],
+        eta: sum(&|v| v.eta),
     }
 }
 
 /// The fragment stage.
 #[inline]
-pub fn fragment(at: Varyings, atlas: &AtlasView<'_>) -> f32 {
+pub fn fragment<const N: usize>(at: Varyings<N>, atlas: &AtlasView<'_>) -> [f32; N] {
     let mut light = at.color;
     if at.eta > ETA_EPSILON {
-        let position = [at.position[0] / at.eta, at.position[1] / at.eta];
-        light += at.eta * atlas.lookup(position, 0);
+        let mut texel = [0.0; N];
+        atlas.read([at.position[0] / at.eta, at.position[1] / at.eta], &mut texel);
+        for (light, texel) in light.iter_mut().zip(texel) {
+            *light += at.eta * texel;
+        }
     }
     light
 }
 
-/// The light that the GPU shows at a point of a triangle.
+/// The light that the GPU shows at a point of a triangle, before the curve is undone ([`undo`]).
 ///
 /// - `codes`: of the three corners
 /// - `barycentric`: weights of the second and third corner, as in `SurfacePoint`
-/// - returns: the value, in the unit of the atlas (`0..=1` for integer texels)
+/// - `out`: a value per channel of the layer, unit values; a fourth channel and more is 0
 #[inline]
-pub fn decode(codes: [LightCode; 3], [second, third]: [f32; 2], atlas: &AtlasView<'_>) -> f32 {
-    fragment(interpolate(codes.map(vertex), [1.0 - second - third, second, third]), atlas)
+pub fn decode(
+    codes: [LightCode; 3],
+    barycentric: [f32; 2],
+    atlas: &AtlasView<'_>,
+    form: &Form<'_>,
+    out: &mut [f32],
+) {
+    if let (Form::Scalar, [value]) = (form, &mut *out) {
+        *value = decode_scalar(codes, barycentric, atlas);
+        return;
+    }
+    let [second, third] = barycentric;
+    let corners = codes.map(|code| vertex(code, form));
+    let light = fragment(interpolate(corners, [1.0 - second - third, second, third]), atlas);
+    for (channel, out) in out.iter_mut().enumerate() {
+        *out = light.get(channel).copied().unwrap_or(0.0);
+    }
+}
+
+/// As [`decode()`], of a scalar layer in packed form.
+#[inline]
+pub fn decode_scalar(codes: [LightCode; 3], [second, third]: [f32; 2], atlas: &AtlasView<'_>) -> f32 {
+    let corners = codes.map(vertex_scalar);
+    fragment(interpolate(corners, [1.0 - second - third, second, third]), atlas)[0]
+}
+
+/// What a material is told of a layer's scale: the uniform `scale` of the shaders.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShaderScale {
+    /// `P(low)`: the curve's value at a stored 0.
+    pub low: f32,
+    /// `P(high) - P(low)`.
+    pub extent: f32,
+    /// The signal's value that is white; 0 for the linear curve.
+    pub white: f32,
+}
+
+/// The signal's value of a stored one, in the signal's unit: the twin of `lightkilnUnscale`.
+///
+/// To be done after all interpolation, per channel.
+#[inline]
+pub fn undo(unit: f32, scale: ShaderScale) -> f32 {
+    let p = scale.low + unit * scale.extent;
+    if scale.white > 0.0 {
+        p.signum() * (CURVE_BASE.powf(p.abs()) - 1.0) * (scale.white / CURVE_KNEE)
+    } else {
+        p
+    }
 }
 
 #[cfg(test)]
@@ -216,9 +339,9 @@ mod tests {
     fn decode_three_colors_interpolates() {
         let none = AtlasView::new([0, 0], 1, vec![]).expect("empty");
         let codes = [0.0, 0.5, 1.0].map(LightCode::color);
-        assert!((decode(codes, [0.25, 0.5], &none) - 0.625).abs() < 1e-5);
+        assert!((decode_scalar(codes, [0.25, 0.5], &none) - 0.625).abs() < 1e-5);
         // Without an atlas, texture-vertices are black and nothing panics.
-        assert_eq!(decode([place(1.0, 1.0); 3], [0.3, 0.3], &none), 0.0);
+        assert_eq!(decode_scalar([place(1.0, 1.0); 3], [0.3, 0.3], &none), 0.0);
     }
 
     #[test]
@@ -227,11 +350,11 @@ mod tests {
         let atlas = AtlasView::stacked([2, 2], 1, 1, Texels::U8(&texels)).expect("fits");
         let codes = [place(0.5, 0.5), place(1.5, 0.5), place(0.5, 1.5)];
         let close = |x: f32, y: f32| assert!((x - y).abs() < 1e-6, "{x} {y}");
-        close(decode(codes, [0.0, 0.0], &atlas), 0.0);
-        close(decode(codes, [1.0, 0.0], &atlas), 0.2);
-        close(decode(codes, [0.0, 1.0], &atlas), 0.4);
-        close(decode(codes, [0.5, 0.5], &atlas), 0.3);
-        close(decode(codes, [0.5, 0.25], &atlas), 0.2);
+        close(decode_scalar(codes, [0.0, 0.0], &atlas), 0.0);
+        close(decode_scalar(codes, [1.0, 0.0], &atlas), 0.2);
+        close(decode_scalar(codes, [0.0, 1.0], &atlas), 0.4);
+        close(decode_scalar(codes, [0.5, 0.5], &atlas), 0.3);
+        close(decode_scalar(codes, [0.5, 0.25], &atlas), 0.2);
     }
 
     #[test]
@@ -243,7 +366,7 @@ mod tests {
         for (a, b, c) in [(0.2_f32, 0.3_f32, 0.5_f32), (0.6, 0.4, 0.0), (0.0, 0.01, 0.99), (0.0, 0.0, 1.0)] {
             let on_edge = if a + b > 0.0 { b / (a + b) } else { 0.0 };
             let expected = (a + b) * on_edge + c;
-            let shown = decode(codes, [b, c], &atlas);
+            let shown = decode_scalar(codes, [b, c], &atlas);
             assert!((shown - expected).abs() < 2e-5, "{shown} {expected}");
         }
     }
@@ -251,7 +374,8 @@ mod tests {
     #[test]
     fn decode_tiny_eta_is_color() {
         let atlas = AtlasView::stacked([1, 1], 1, 1, Texels::U8(&[255])).expect("fits");
-        let at = |eta: f32| fragment(Varyings { color: 0.25, position: [0.5 * eta, 0.5 * eta], eta }, &atlas);
+        let at =
+            |eta: f32| fragment(Varyings { color: [0.25], position: [0.5 * eta, 0.5 * eta], eta }, &atlas)[0];
         for eta in [-1e-3, -0.0, 0.0, 1e-30, ETA_EPSILON, f32::NAN] {
             assert_eq!(at(eta), 0.25);
         }

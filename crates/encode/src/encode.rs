@@ -55,6 +55,18 @@ impl Codes {
         self.triangles.len()
     }
 
+    /// Every code that is held, in a fixed order: those of the vertices, then those of the triangles that differ.
+    pub(crate) fn distinct(&self) -> impl Iterator<Item = LightCode> {
+        self.defaults.iter().chain(self.overrides.iter().flatten()).copied()
+    }
+
+    /// Replaces every code that is held, in the order of [`Codes::distinct`].
+    pub(crate) fn map(&self, mut replace: impl FnMut(LightCode) -> LightCode) -> Self {
+        let defaults = self.defaults.iter().map(|&code| replace(code)).collect();
+        let overrides = self.overrides.iter().map(|own| own.map(&mut replace)).collect();
+        Self { defaults, triangles: self.triangles.clone(), overrides }
+    }
+
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         self.defaults.len() * 4 + self.triangles.len() * 16
@@ -94,9 +106,9 @@ pub struct EncodeReport {
     /// Distinct pairs of light vertex and code in use: how many vertices a file without splits of its own
     /// would have.
     pub code_pairs: usize,
-    /// Color-vertices and copies whose value lay outside `0..=1` and was clamped.
+    /// Color-vertices and copies of which a channel lay outside `0..=1` and was clamped.
     pub clamped: usize,
-    /// Largest difference between what two places of one vertex read; 0 after perfect stitching.
+    /// Largest difference between what two places of one vertex read, over all channels; 0 after perfect stitching.
     pub readback_spread: f32,
     /// Largest distance in texels that a place was moved by, per axis, to fit the code; 0 for snapped charts.
     pub largest_rounding: f32,
@@ -112,31 +124,35 @@ pub fn atlas_position(charts: &[Chart], packing: &Packing, chart: usize, vertex:
     [x, y + placement.page as f32 * packing.page_size[1] as f32]
 }
 
-/// One place of a texture-vertex, and what the atlas reads there.
+/// One place of a texture-vertex, and where what the atlas reads there begins in a list of its own.
 struct Place {
     vertex: VertexId,
     code: LightCode,
-    readback: f32,
+    readback: usize,
 }
 
-/// Gives every corner of every triangle its code.
+/// Gives every corner of every triangle its code, for one layer.
+///
+/// Which corner shows a color and which a place, and which vertices need a second code, does not depend on values: all
+/// layers of a bake come out alike.
 ///
 /// - `is_texture`: T; the texture triangles, each in exactly one chart; run `classify::fill_notches` first
-/// - `vertex_values`: V, linear; those of texture-vertices are not read
-/// - `readback`: what the finished atlas reads at a chart vertex, given the numbers of chart and chart vertex
-///   (for example [`AtlasView::lookup`](crate::AtlasView::lookup) at [`atlas_position`]); a texture-vertex
-///   shown as a color takes the mean over its places
+/// - `vertex_values`: V × `channels`, unit values; those of texture-vertices are not read
+/// - `channels`: 1 (codes of [`LightCode::color`]), 2 or 3 (of [`LightCode::color_rgb`])
+/// - `readback`: writes what the finished atlas reads at a chart vertex, given the numbers of chart and chart
+///   vertex (for example [`AtlasView::read`](crate::AtlasView::read) at [`atlas_position`]), to `channels` numbers; a
+///   texture-vertex shown as a color takes the mean over its places
 /// - `detached`: V, if any; texture-vertices that color triangles show by their vertex value all the same. The
 ///   light may then jump at chart edges that end there; the caller has found that a blend would be worse
 /// - returns: the codes; deterministic
 ///
-/// Memory: 4 bytes a light vertex and 16 bytes a listed triangle stay; 16 bytes a texture triangle and 12 bytes a chart vertex more
-/// while it runs.
+/// Memory: 4 bytes a light vertex and 16 bytes a listed triangle stay; 16 bytes a texture triangle, and 16 bytes a chart
+/// vertex and 4 a channel of it, more while it runs.
 ///
 /// # Errors
 /// [`EncodeError::Length`], [`EncodeError::Uncharted`] and [`EncodeError::ChartTriangle`] for arrays and
 /// charts that do not fit the mesh, [`EncodeError::Position`] for an atlas larger than codes can name,
-/// [`EncodeError::NotFinite`] for a value that is shown and is none.
+/// [`EncodeError::NotFinite`] for a value that is shown and is none, [`EncodeError::Channels`].
 #[allow(clippy::too_many_arguments)] // each is the product of another stage; a struct of them would have one user
 pub fn encode(
     mesh: &Mesh,
@@ -145,12 +161,16 @@ pub fn encode(
     charts: &[Chart],
     packing: &Packing,
     vertex_values: &[f32],
-    readback: &dyn Fn(usize, usize) -> f32,
+    channels: usize,
+    readback: &dyn Fn(usize, usize, &mut [f32]),
     detached: Option<&[bool]>,
 ) -> Result<(Codes, EncodeReport), EncodeError> {
+    if !(1..=3).contains(&channels) {
+        return Err(EncodeError::Channels { channels });
+    }
     for (what, count, expected) in [
         ("is_texture", is_texture.len(), mesh.triangle_count()),
-        ("vertex values", vertex_values.len(), mesh.vertex_count()),
+        ("vertex values", vertex_values.len(), mesh.vertex_count() * channels),
         ("placements", packing.placements.len(), charts.len()),
         ("detached", detached.map_or(mesh.vertex_count(), <[bool]>::len), mesh.vertex_count()),
     ] {
@@ -159,7 +179,8 @@ pub fn encode(
         }
     }
     let mut report = EncodeReport::default();
-    let (textured, places) = places(mesh, is_texture, charts, packing, readback, &mut report)?;
+    let Places { textured, places, readbacks } =
+        places(mesh, is_texture, charts, packing, channels, readback, &mut report)?;
     let of_textured = |t: TriangleId| -> &[LightCode; 3] {
         let at =
             textured.binary_search_by_key(&t, |(t, _)| *t).expect("every texture triangle stands in a chart");
@@ -175,7 +196,8 @@ pub fn encode(
     report.copies_at_chart_edges = copies.at_chart_edges;
     report.copies_elsewhere = copies.elsewhere;
 
-    let (defaults, copy_codes) = defaults(vertex_values, &is_place, &places, &copies, &mut report)?;
+    let (defaults, copy_codes) =
+        defaults(vertex_values, channels, &is_place, &places, &readbacks, &copies, &mut report)?;
     let copy_of = |v: VertexId| {
         let at = copy_codes.binary_search_by_key(&v, |(v, _)| *v).expect("chosen copies have a code");
         copy_codes[at].1
@@ -227,19 +249,28 @@ pub fn encode(
     Ok((codes, report))
 }
 
-type Textured = Vec<(TriangleId, [LightCode; 3])>;
+/// What the charts say.
+struct Places {
+    /// The codes of all texture triangles, by triangle.
+    textured: Vec<(TriangleId, [LightCode; 3])>,
+    /// All places of all texture-vertices, by vertex.
+    places: Vec<Place>,
+    /// What the atlas reads there: `channels` numbers a place, in the order of the charts.
+    readbacks: Vec<f32>,
+}
 
-/// The codes of all texture triangles by triangle, and all places of all texture-vertices by vertex.
 fn places(
     mesh: &Mesh,
     is_texture: &[bool],
     charts: &[Chart],
     packing: &Packing,
-    readback: &dyn Fn(usize, usize) -> f32,
+    channels: usize,
+    readback: &dyn Fn(usize, usize, &mut [f32]),
     report: &mut EncodeReport,
-) -> Result<(Textured, Vec<Place>), EncodeError> {
-    let mut textured = Textured::new();
+) -> Result<Places, EncodeError> {
+    let mut textured: Vec<(TriangleId, [LightCode; 3])> = Vec::new();
     let mut places = Vec::new();
+    let mut readbacks = Vec::new();
     for (number, chart) in charts.iter().enumerate() {
         let fault = |triangle: TriangleId, problem| EncodeError::ChartTriangle {
             chart: number,
@@ -284,7 +315,10 @@ fn places(
                         let [u, v] = code.position().expect("a place was encoded");
                         report.largest_rounding =
                             report.largest_rounding.max((u - x).abs()).max((v - y).abs());
-                        places.push(Place { vertex, code, readback: readback(number, at) });
+                        places.push(Place { vertex, code, readback: readbacks.len() });
+                        readbacks.resize(readbacks.len() + channels, 0.0);
+                        let from = readbacks.len() - channels;
+                        readback(number, at, &mut readbacks[from..]);
                         seen[at] = Some(code);
                         code
                     }
@@ -307,7 +341,7 @@ fn places(
     }
     // Stable: places that share vertex and code keep the order of the charts, so their mean is one number.
     places.sort_by_key(|place| (place.vertex, place.code));
-    Ok((textured, places))
+    Ok(Places { textured, places, readbacks })
 }
 
 /// What each vertex shows by default (its value, or its first place), and the color codes of the copies,
@@ -315,22 +349,26 @@ fn places(
 #[expect(clippy::type_complexity, reason = "two lists, named where they are bound")]
 fn defaults(
     vertex_values: &[f32],
+    channels: usize,
     is_place: &[bool],
     places: &[Place],
+    readbacks: &[f32],
     copies: &Copies,
     report: &mut EncodeReport,
 ) -> Result<(Vec<LightCode>, Vec<(VertexId, LightCode)>), EncodeError> {
     let clamped = &mut report.clamped;
-    let mut color = |vertex: usize, value: f32| {
-        if !value.is_finite() {
+    let mut color = |vertex: usize, values: &[f32]| {
+        if let Some(&value) = values.iter().find(|value| !value.is_finite()) {
             return Err(EncodeError::NotFinite { vertex: vertex as u32, value });
         }
-        *clamped += usize::from(!(0.0..=1.0).contains(&value));
-        Ok(LightCode::color(value))
+        *clamped += usize::from(values.iter().any(|value| !(0.0..=1.0).contains(value)));
+        Ok(LightCode::color_of(values))
     };
-    let mut defaults = vec![LightCode::default(); vertex_values.len()];
-    for vertex in (0..vertex_values.len()).filter(|&v| !is_place[v]) {
-        defaults[vertex] = color(vertex, vertex_values[vertex])?;
+    let mut defaults = vec![LightCode::default(); is_place.len()];
+    for (vertex, values) in vertex_values.chunks_exact(channels).enumerate() {
+        if !is_place[vertex] {
+            defaults[vertex] = color(vertex, values)?;
+        }
     }
     let mut copy_codes = Vec::with_capacity(copies.at_chart_edges + copies.elsewhere);
     for run in places.chunk_by(|a, b| a.vertex == b.vertex) {
@@ -340,14 +378,16 @@ fn defaults(
             defaults[vertex.index()] = run[0].code;
         }
         report.seam_vertices += usize::from(run.len() > 1);
-        let (low, high) = run.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), p| {
-            (low.min(p.readback), high.max(p.readback))
-        });
-        report.readback_spread = report.readback_spread.max(high - low);
+        let mut mean = [0.0; 3];
+        for (channel, mean) in mean.iter_mut().enumerate().take(channels) {
+            let read = || run.iter().map(|place| readbacks[place.readback + channel]);
+            let (low, high) =
+                (read().fold(f32::INFINITY, f32::min), read().fold(f32::NEG_INFINITY, f32::max));
+            report.readback_spread = report.readback_spread.max(high - low);
+            *mean = (read().map(f64::from).sum::<f64>() / run.len() as f64) as f32;
+        }
         if copies.marks[vertex.index()] {
-            let sum: f64 = run.iter().map(|place| f64::from(place.readback)).sum();
-            let mean = (sum / run.len() as f64) as f32;
-            copy_codes.push((vertex, color(vertex.index(), mean)?));
+            copy_codes.push((vertex, color(vertex.index(), &mean[..channels])?));
         }
     }
     Ok((defaults, copy_codes))

@@ -8,6 +8,7 @@
 //! |---|---|
 //! | [`constants`] | the numbers that the shaders and this crate must agree on |
 //! | [`code`] | the 4 bytes: [`LightCode`] |
+//! | [`table`] | the colors of a layer in a texture, for the form that needs one |
 //! | [`mixed`] | which corner shows what: the cases of section 4.3 and the ones that it leaves out |
 //! | [`promote`] | color triangles that cost fewer bytes as texture triangles |
 //! | [`encode`](mod@encode) | charts, packing and vertex values into [`Codes`] |
@@ -23,13 +24,15 @@ pub mod mixed;
 pub mod promote;
 #[cfg(test)]
 mod shaders;
+pub mod table;
 #[cfg(test)]
 mod testing;
 
 pub use code::LightCode;
-pub use decode::{AtlasView, Texels, decode};
+pub use decode::{AtlasView, Form, Texels, decode, decode_scalar};
 pub use encode::{Codes, EncodeReport, atlas_position, encode};
 pub use promote::{PromotionPrices, promotions};
+pub use table::Table;
 
 /// What keeps light from being encoded or an atlas from being read.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -43,6 +46,20 @@ pub enum EncodeError {
         count: usize,
         /// The length that it must have.
         expected: usize,
+    },
+    /// A layer has no channel, or more than a code can hold.
+    #[error("{channels} channels, a layer has 1 to 3")]
+    Channels {
+        /// How many.
+        channels: usize,
+    },
+    /// A table has more colors than codes can name.
+    #[error("a table of {entries} colors, codes can name {limit}")]
+    TableSize {
+        /// How many.
+        entries: usize,
+        /// The most that there may be.
+        limit: usize,
     },
     /// A texture triangle stands in no chart.
     #[error("texture triangle {triangle} stands in no chart")]

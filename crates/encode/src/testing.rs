@@ -6,7 +6,7 @@ use lightkiln_chart::Chart;
 use lightkiln_chart::pack::{Packing, Placement, placed_texel};
 use lightkiln_mesh::{Adjacency, EdgeKind, Mesh, TriangleId, VertexId, random};
 
-use crate::{AtlasView, Codes, EncodeError, EncodeReport, Texels, atlas_position, decode, encode};
+use crate::{AtlasView, Codes, EncodeError, EncodeReport, Texels, atlas_position, decode_scalar, encode};
 
 /// Texels per unit of the board.
 pub const SCALE: f32 = 4.0;
@@ -110,7 +110,10 @@ impl Board {
             &atlas.charts,
             &atlas.packing,
             &self.values,
-            &|chart, vertex| view.lookup(atlas_position(&atlas.charts, &atlas.packing, chart, vertex), 0),
+            1,
+            &|chart, vertex, out| {
+                view.read(atlas_position(&atlas.charts, &atlas.packing, chart, vertex), out);
+            },
             None,
         )
     }
@@ -131,7 +134,7 @@ impl Board {
                         let mut weights = [0.0; 3];
                         weights[edge] = 1.0 - s;
                         weights[(edge + 1) % 3] += s;
-                        decode(codes.of_triangle(&self.mesh, t), [weights[1], weights[2]], &view)
+                        decode_scalar(codes.of_triangle(&self.mesh, t), [weights[1], weights[2]], &view)
                     });
                     largest = largest.max((shown[0] - shown[1]).abs());
                 }
