@@ -321,7 +321,7 @@ fn program_on_vertices_alone_writes_the_closed_form() {
         let regularized = exact.regularized(f64::from(lightkiln_bake::shade::fit_options().alpha));
         for t in surface.mesh.triangle_ids() {
             let (part, local) = surface.part_of(t);
-            let codes = light.parts[part].corner_codes[local];
+            let codes = light.layers[0].parts[part][local];
             for (v, code) in surface.mesh.triangles[t.index()].iter().zip(codes) {
                 let value = LightCode(code).value().map(f64::from).unwrap();
                 let (best, regularized) = (best[v.index()], regularized[v.index()]);

@@ -7,18 +7,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::BakeError;
 
-/// What the extension says beside the pages: how the light was baked, so that it can be judged.
+/// What the extension says beside the images: how the light was baked, so that it can be judged.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Extension {
     /// Version of the extension.
-    pub version: u32,
+    pub version: u64,
     /// Program and version.
     pub generator: String,
-    /// What the values are.
-    pub signal: String,
-    /// Smallest and largest value.
-    pub range: [f32; 2],
     /// Width and height of a page in texels, absent without texture triangles.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub page_size: Option<[u32; 2]>,
@@ -30,11 +26,29 @@ pub struct Extension {
     pub detail: f32,
     /// Width of a texel, in units of the file.
     pub texel_size: f32,
+    /// Seed of the bake.
+    pub seed: u64,
+    /// At least one in a file that was read.
+    pub layers: Vec<LayerInfo>,
+}
+
+/// What the extension says about a layer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct LayerInfo {
+    /// What the values are.
+    pub signal: String,
+    /// Numbers of a value, 1 to 3.
+    pub channels: usize,
+    /// How values lie between the ends of the range: `linear` or `log`.
+    pub curve: String,
+    /// Smallest and largest value.
+    pub range: [f32; 2],
+    /// Unit of the range.
+    pub unit: String,
     /// Rays ended here, in units of the file; absent if nowhere.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub distance: Option<f32>,
-    /// Seed of the bake.
-    pub seed: u64,
 }
 
 /// The light of a baked file.
@@ -64,21 +78,24 @@ impl FileLight {
         let faulty = |what: String| BakeError::ReadBack { what };
         let extension: Extension = serde_json::from_value(lightmap.extension)
             .map_err(|e| faulty(format!("the extension of {file}: {e}")))?;
+        let [layer] = &lightmap.layers[..] else {
+            return Err(faulty(format!("{} layers of light in {file}", lightmap.layers.len())));
+        };
         let mut codes = Vec::with_capacity(scene.parts.iter().map(|p| p.triangles.len()).sum());
-        for (number, (part, light)) in scene.parts.iter().zip(&lightmap.parts).enumerate() {
-            if light.corner_codes.len() != part.triangles.len() {
+        for (number, (part, light)) in scene.parts.iter().zip(&layer.parts).enumerate() {
+            if light.len() != part.triangles.len() {
                 return Err(faulty(format!(
                     "part {number} (node {}) has light for {} of {} triangles",
                     part.node,
-                    light.corner_codes.len(),
+                    light.len(),
                     part.triangles.len()
                 )));
             }
-            codes.extend(light.corner_codes.iter().map(|corners| corners.map(LightCode)));
+            codes.extend(light.iter().map(|corners| corners.map(LightCode)));
         }
         let size = extension.page_size.unwrap_or_default();
         let (mut pages, mut bits) = (Vec::new(), 8);
-        for page in &lightmap.pages {
+        for page in &layer.pages {
             let image = lightkiln_texel::read_png(&page.png)?;
             if image.size != size || image.channels != 1 {
                 return Err(faulty(format!(
@@ -99,6 +116,11 @@ impl FileLight {
     pub fn view(&self) -> Result<AtlasView<'_>, BakeError> {
         let pages = self.pages.iter().map(|page| Texels::F32(page)).collect();
         Ok(AtlasView::new(self.size, 1, pages)?)
+    }
+
+    /// Where the rays of the light ended.
+    pub fn distance(&self) -> f32 {
+        self.extension.layers.first().and_then(|l| l.distance).unwrap_or(f32::INFINITY)
     }
 
     /// Pages of the atlas.

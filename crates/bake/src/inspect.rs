@@ -166,7 +166,7 @@ impl Inspection {
                     "light",
                     format!(
                         "{}, bound {:.1} %, detail {:.5}, by {}",
-                        baked.signal,
+                        baked.layers.first().map_or("", |layer| &layer.signal),
                         baked.max_error * 100.0,
                         baked.detail,
                         baked.generator

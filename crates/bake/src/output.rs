@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use lightkiln_encode::{AtlasView, LightCode};
 use lightkiln_mesh::TriangleId;
-use lightkiln_scene::{AtlasFiles, BakedLight, ExtensionInfo, PartLight};
+use lightkiln_scene::{BakedLight, ExtensionInfo, LayerFiles, PartLight};
 use lightkiln_texel::{ExrDepth, write_exr, write_png};
 use rayon::prelude::*;
 
 use crate::clock::Clock;
-use crate::file_light::Extension;
+use crate::file_light::{Extension, LayerInfo};
 use crate::options::{BakeOptions, Plan};
 use crate::rounds::Shown;
 use crate::{BakeError, Surface};
@@ -26,9 +26,6 @@ pub struct Written {
     /// What the writer says.
     pub file: lightkiln_scene::Written,
 }
-
-/// Version of the extension that this program writes.
-const EXTENSION_VERSION: u32 = 1;
 
 /// Writes the scene with its light; all files appear by rename.
 ///
@@ -47,25 +44,38 @@ pub fn write(
     let parts = (0..surface.scene.parts.len()).map(|part| part_light(surface, shown, &view, part)).collect();
     let has_atlas = !shown.charts.is_empty();
     let extension = Extension {
-        version: EXTENSION_VERSION,
+        version: lightkiln_scene::VERSION,
         generator: concat!("lightkiln ", env!("CARGO_PKG_VERSION")).to_owned(),
-        signal: "ambientOcclusion".to_owned(),
-        range: [0.0, 1.0],
         page_size: has_atlas.then_some(shown.packing.page_size),
         subtexels: lightkiln_chart::SUBTEXELS,
         max_error: plan.max_error,
         detail: plan.radius * 2.0,
         texel_size: plan.radius,
-        distance: plan.ao_distance.is_finite().then_some(plan.ao_distance),
         seed: plan.seed,
+        layers: Vec::new(),
+    };
+    let info = LayerInfo {
+        signal: "ambientOcclusion".to_owned(),
+        channels: 1,
+        curve: "linear".to_owned(),
+        range: [0.0, 1.0],
+        unit: "none".to_owned(),
+        distance: plan.ao_distance.is_finite().then_some(plan.ao_distance),
+    };
+    let info = serde_json::to_value(&info).expect("plain numbers and strings");
+    let layer = LayerFiles {
+        pages: if has_atlas { pages(shown)? } else { Vec::new() },
+        table: None,
+        info: info.as_object().cloned().unwrap_or_default(),
     };
     let light = BakedLight {
         parts,
-        atlas: has_atlas.then(|| pages(shown)).transpose()?,
+        layers: vec![layer],
         extension: ExtensionInfo {
             root: serde_json::to_value(&extension).expect("plain numbers and strings"),
         },
         fallback: options.fallback,
+        remove: Vec::new(),
     };
     let file = lightkiln_scene::write(surface.scene, &light, output)?;
     let mut outputs: Vec<PathBuf> = file.files.iter().map(|f| f.path.clone()).collect();
@@ -85,19 +95,19 @@ fn part_light(surface: &Surface<'_>, shown: &Shown, view: &AtlasView<'_>, part: 
         None => code.value().unwrap_or(0.0),
     };
     PartLight {
-        corner_fallback: codes.par_iter().map(|corners| corners.map(plain)).collect(),
-        corner_codes: codes.into_iter().map(|corners| corners.map(|code| code.0)).collect(),
+        corner_fallback: codes.par_iter().map(|corners| corners.map(|code| [plain(code); 3])).collect(),
+        corner_codes: vec![codes.into_iter().map(|corners| corners.map(|code| code.0)).collect()],
     }
 }
 
 /// The pages of the atlas as PNG files.
-fn pages(shown: &Shown) -> Result<AtlasFiles, BakeError> {
+fn pages(shown: &Shown) -> Result<Vec<Vec<u8>>, BakeError> {
     let encode = |page: &Vec<f32>| {
         let mut bytes = Vec::new();
         write_png(&mut bytes, shown.atlas.size, 1, shown.stored.depth, page)?;
         Ok(bytes)
     };
-    Ok(AtlasFiles { pages: shown.atlas.pages.iter().map(encode).collect::<Result<_, BakeError>>()? })
+    shown.atlas.pages.iter().map(encode).collect()
 }
 
 /// The pages of the atlas as `<stem>.lightkiln.<page>.exr` beside the output, unquantized.

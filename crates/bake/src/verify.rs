@@ -305,7 +305,7 @@ pub fn verify_file(
     let light = FileLight::read(&scene, &file)?;
     let surface = Surface::new(&scene, &file)?;
     let tracer = Tracer::new(&surface.mesh, &surface)?;
-    let distance = light.extension.distance.unwrap_or(f32::INFINITY);
+    let distance = light.distance();
     let signal = AmbientOcclusion::new(&tracer, &surface.mesh, distance, options.seed ^ VERIFY_STREAM);
     surface.turn_hidden_sheets(&tracer, distance);
     clock.stage("verify");

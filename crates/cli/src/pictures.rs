@@ -61,7 +61,7 @@ fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Pic
     let (low, high) = surface.mesh.bounds();
     let diagonal = (high - low).length();
     let distance = match &light {
-        Some(light) => light.extension.distance.unwrap_or(f32::INFINITY),
+        Some(light) => light.distance(),
         None => diagonal * options::DEFAULT_DISTANCE,
     };
     surface.turn_hidden_sheets(&tracer, distance);

@@ -1,8 +1,8 @@
 //! glTF in and out: the only crate that knows the file format.
 //!
 //! Reading keeps the file's JSON as a document and decodes only what light needs: triangles in world space,
-//! normals, coverage. Writing patches that document: one attribute, one extension, the atlas and a fallback
-//! are added, and all else leaves as it came (DESIGN.md, "Keep the user's asset"). docs/FORMAT.md describes
+//! normals, coverage. Writing patches that document: an attribute and an atlas for each layer of light, one
+//! extension and a fallback are added, and all else leaves as it came (DESIGN.md, "Keep the user's asset"). docs/FORMAT.md describes
 //! what is added.
 //!
 //! | module | what |
@@ -15,8 +15,9 @@
 //! | `texture` | textures as signals |
 //! | `footprint` | bytes of vertices, sizes of images |
 //! | `names` | names of parts, files and kinds of errors |
-//! | `lightmap` | reading light back, undoing a former bake |
+//! | `lightmap`, `undo` | reading light back, undoing a former bake |
 //! | `write`, `pools`, `split` | patching the document; vertices with two codes |
+//! | `replace` | what the light replaces |
 //! | `assemble`, `garbage`, `output` | the buffer, what is dropped from it, and files that appear whole |
 
 mod accessor;
@@ -37,17 +38,23 @@ mod nodes;
 mod output;
 mod pools;
 mod pose;
+mod replace;
 mod scene;
 mod split;
 mod texture;
+mod undo;
 mod uri;
 mod write;
 
 pub use error::{Place, SceneError, Warning};
 pub use footprint::ImageSize;
-pub use lightmap::{ATTRIBUTE, AtlasPage, EXTENSION, Lightmap, ORIGINAL_COLOR};
+pub use lightmap::{
+    ATTRIBUTE, EXTENSION, LayerRead, LightImage, Lightmap, ORIGINAL_COLOR, VERSION, attribute_name,
+};
 pub use material::{AlphaMode, Material};
 pub use names::ErrorKind;
 pub use scene::{Part, PartLight, ReadOptions, Scene, TriangleFlags};
 pub use texture::{Slot, Textures};
-pub use write::{AtlasFiles, BakedLight, ExtensionInfo, Fallback, PartWritten, Written, WrittenFile, write};
+pub use write::{
+    BakedLight, ExtensionInfo, Fallback, LayerFiles, LayerWritten, PartWritten, Written, WrittenFile, write,
+};

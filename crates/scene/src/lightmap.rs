@@ -1,27 +1,35 @@
-//! The extension `LIGHTKILN_lightmap`: reading back what was baked, and undoing a bake before the next one.
+//! The extension `LIGHTKILN_lightmap`: its names, and reading back what was baked.
 //!
 //! docs/FORMAT.md describes the extension.
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 
-use crate::accessor::Component;
-use crate::document::{Document, array, extension, index, list, object, whole};
-use crate::error::{SceneError, codec, value};
+use crate::accessor::{Component, Elements};
+use crate::document::{Document, extension, index, list, whole};
+use crate::error::{SceneError, codec, reference, value};
 use crate::geometry::{attribute, open, primitive_place};
-use crate::scene::{PartLight, Scene};
+use crate::scene::Scene;
 
 /// The extension's name.
 pub const EXTENSION: &str = "LIGHTKILN_lightmap";
-/// The vertex attribute that carries the light.
+/// The version of the format that is written and read. Version 1 is only recognized, so that a new bake can take
+/// its place.
+pub const VERSION: u64 = 2;
+/// The vertex attribute that carries the first layer of light.
 pub const ATTRIBUTE: &str = "_LIGHTUV";
 /// Where an original `COLOR_0` is kept while ours stands in its place.
 pub const ORIGINAL_COLOR: &str = "_LIGHTKILN_COLOR_0";
 /// The attribute that serves as fallback.
 pub(crate) const COLOR: &str = "COLOR_0";
 
-/// A page of the atlas as it lies in the file.
+/// The vertex attribute that carries a layer: `_LIGHTUV`, `_LIGHTUV_1`, `_LIGHTUV_2` ...
+pub fn attribute_name(layer: usize) -> String {
+    if layer == 0 { ATTRIBUTE.to_owned() } else { format!("{ATTRIBUTE}_{layer}") }
+}
+
+/// An image of the light as it lies in the file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct AtlasPage {
+pub struct LightImage {
     /// The image file, PNG.
     pub png: Vec<u8>,
     /// Its URI, when it is a file beside the scene.
@@ -33,176 +41,217 @@ pub struct AtlasPage {
 pub struct Lightmap {
     /// The root object of the extension.
     pub extension: Value,
-    /// The pages of the atlas, in order.
-    pub pages: Vec<AtlasPage>,
-    /// In the order of [`Scene::parts`]. Parts without light have no codes.
-    pub parts: Vec<PartLight>,
+    /// At least one.
+    pub layers: Vec<LayerRead>,
 }
 
-/// Whether a document carries our light.
+/// A layer of a baked file.
+#[derive(Clone, Debug)]
+pub struct LayerRead {
+    /// The layer's object in the extension.
+    pub info: Map<String, Value>,
+    /// The pages of the atlas, in order.
+    pub pages: Vec<LightImage>,
+    /// The table of colors, where codes are numbers of its entries.
+    pub table: Option<LightImage>,
+    /// In the order of [`Scene::parts`]: per triangle, per corner. Empty for parts without light.
+    pub parts: Vec<Vec<[[u16; 2]; 3]>>,
+}
+
+/// Whether a document carries our light, of any version.
 pub(crate) fn is_baked(root: &Value) -> bool {
     extension(root, EXTENSION).is_some()
 }
 
-/// Takes a bake out of a document: our attributes, textures and extension objects go, an original `COLOR_0`
-/// returns. Vertices that were split stay split. Returns whether there was anything to undo.
-pub(crate) fn undo(root: &mut Value) -> bool {
-    let Some(ours) = extension(root, EXTENSION).cloned() else { return false };
-    let empty = |root: &mut Value, key: &str| array(root, key).is_empty();
-    if root.get("meshes").is_some() {
-        for mesh in array(root, "meshes") {
-            if mesh.get("primitives").is_some() {
-                array(mesh, "primitives").iter_mut().for_each(undo_primitive);
-            }
-        }
-    }
-    remove_extension(root, EXTENSION);
-    for key in ["extensionsUsed", "extensionsRequired"] {
-        if root.get(key).is_some() {
-            array(root, key).retain(|e| e.as_str() != Some(EXTENSION));
-            if empty(root, key) {
-                object(root).shift_remove(key);
-            }
-        }
-    }
-    let pages: Vec<usize> = list(&ours, "pages").iter().filter_map(whole).map(|p| p as usize).collect();
-    remove_pages(root, &pages);
-    true
+/// Whether an attribute's name is that of a layer.
+pub(crate) fn is_layer_name(name: &str) -> bool {
+    name.strip_prefix(ATTRIBUTE).is_some_and(|rest| {
+        rest.is_empty()
+            || rest.strip_prefix('_').is_some_and(|number| {
+                !number.is_empty() && !number.starts_with('0') && number.bytes().all(|b| b.is_ascii_digit())
+            })
+    })
 }
 
-/// Removes an extension object, and `extensions` itself when nothing is left in it.
-pub(crate) fn remove_extension(owner: &mut Value, name: &str) {
-    let Some(owner) = owner.as_object_mut() else { return };
-    let Some(extensions) = owner.get_mut("extensions").and_then(Value::as_object_mut) else { return };
-    extensions.shift_remove(name);
-    if extensions.is_empty() {
-        owner.shift_remove("extensions");
-    }
-}
-
-fn undo_primitive(primitive: &mut Value) {
-    let Some(ours) = extension(primitive, EXTENSION).cloned() else { return };
-    let name = |key: &str| ours.get(key).and_then(Value::as_str);
-    let light = name("attribute").unwrap_or(ATTRIBUTE).to_owned();
-    if let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) {
-        attributes.shift_remove(&light);
-        match name("color0") {
-            Some(kept) => {
-                if let Some(original) = attributes.shift_remove(kept) {
-                    attributes.insert(COLOR.to_owned(), original);
-                }
-            }
-            None if name("fallback") == Some(COLOR) => {
-                attributes.shift_remove(COLOR);
-            }
-            None => {}
+/// Refuses formats that are not read.
+fn check_version(json: &Value) -> Result<(), SceneError> {
+    let found = json.get("version").unwrap_or(&Value::Null);
+    let (what, remedy) = match whole(found) {
+        Some(VERSION) => return Ok(()),
+        Some(version) if version > VERSION => {
+            (format!("light of format version {version}"), "use a newer lightkiln, or bake again")
         }
-    }
-    remove_extension(primitive, EXTENSION);
-}
-
-/// Removes our textures with their images and sampler, as far as they stand at the end of their arrays:
-/// elsewhere they would move the numbers of others.
-fn remove_pages(root: &mut Value, pages: &[usize]) {
-    let count = |root: &Value, key: &str| list(root, key).len();
-    let (mut images, mut samplers) = (Vec::new(), Vec::new());
-    while let Some(last) = count(root, "textures").checked_sub(1).filter(|t| pages.contains(t)) {
-        if let Some(texture) = array(root, "textures").pop() {
-            images.extend(texture.get("source").and_then(whole));
-            samplers.extend(texture.get("sampler").and_then(whole));
+        Some(version) if version > 0 => {
+            (format!("light baked by an older version (format {version}, this is {VERSION})"), "bake again")
         }
-        if last == 0 {
-            object(root).shift_remove("textures");
-        }
-    }
-    for (key, role, removed) in [("images", "source", images), ("samplers", "sampler", samplers)] {
-        while let Some(last) = count(root, key).checked_sub(1).filter(|&n| removed.contains(&(n as u64))) {
-            let used =
-                list(root, "textures").iter().any(|t| t.to_string().contains(&format!("\"{role}\":{last}")));
-            if used {
-                break;
-            }
-            array(root, key).pop();
-            if last == 0 {
-                object(root).shift_remove(key);
-            }
-        }
-    }
+        _ => return Err(value("version", found, "the version of the light's format")),
+    };
+    Err(SceneError::Unsupported { what, remedy, place: Box::default() })
 }
 
 impl Scene {
     /// The light of a file that this program baked; `None` for any other file.
     ///
     /// # Errors
-    /// When the attributes or images that the extension names are damaged.
+    /// [`SceneError::Unsupported`] for light of another version; others when the attributes or images that the
+    /// extension names are damaged.
     pub fn read_lightmap(&self) -> Result<Option<Lightmap>, SceneError> {
         let Some(root) = &self.baked else { return Ok(None) };
         let Some(json) = extension(root, EXTENSION) else { return Ok(None) };
-        let textures = list(root, "textures");
-        let images = list(root, "images");
-        let mut pages = Vec::new();
-        for page in list(json, "pages") {
-            let texture = whole(page)
-                .and_then(|t| textures.get(t as usize))
-                .ok_or_else(|| value("pages", page, "numbers of textures"))?;
-            let image = index(texture, "source", images.len())?
-                .ok_or_else(|| value("source", "missing", "the number of an image"))?;
-            let uri = images[image].get("uri").and_then(Value::as_str).map(str::to_owned);
-            pages.push(AtlasPage { png: self.document.image_of(root, image)?, uri });
+        check_version(json)?;
+        let mut layers = Vec::new();
+        for (number, layer) in list(json, "layers").iter().enumerate() {
+            layers.push(self.layer(root, number, layer)?);
         }
-        let mut parts = Vec::with_capacity(self.parts.len());
+        if layers.is_empty() {
+            let found = json.get("layers").unwrap_or(&Value::Null);
+            return Err(value("layers", found, "an array of layers, at least one"));
+        }
         for part in 0..self.parts.len() {
-            parts.push(self.part_light(root, part)?);
+            self.part_codes(root, part, &mut layers)?;
         }
-        Ok(Some(Lightmap { extension: json.clone(), pages, parts }))
+        Ok(Some(Lightmap { extension: json.clone(), layers }))
     }
 
-    fn part_light(&self, root: &Value, number: usize) -> Result<PartLight, SceneError> {
-        let part = &self.parts[number];
-        let mut light = PartLight::default();
-        let meshes = list(root, "meshes");
-        let primitives = list(&meshes[part.mesh], "primitives");
-        let mut opened = Vec::new();
-        for &primitive in &part.primitives {
-            let json = &primitives[primitive];
-            let open_light = || -> Result<_, SceneError> {
-                let Some(ours) = extension(json, EXTENSION) else { return Ok(None) };
-                let name = ours.get("attribute").and_then(Value::as_str).unwrap_or(ATTRIBUTE);
-                let Some(codes) = attribute(&self.document, json, name)? else { return Ok(None) };
-                let codes = open(&self.document, codes, name, 2..=2, None)?;
+    /// What the fallback `COLOR_0` of a baked file holds, in the order of [`Scene::parts`]: linear RGB per triangle,
+    /// per corner; empty for parts without a fallback.
+    ///
+    /// # Errors
+    /// When the attribute is damaged.
+    pub fn read_fallback(&self) -> Result<Vec<Vec<[[f32; 3]; 3]>>, SceneError> {
+        let Some(root) = &self.baked else { return Ok(vec![Vec::new(); self.parts.len()]) };
+        let read = |part| {
+            let opened = self.open_all(root, part, &|json, ours| {
+                if ours.get("fallback").is_none() {
+                    return Ok(None);
+                }
+                match attribute(&self.document, json, COLOR)? {
+                    Some(color) => open(&self.document, color, COLOR, 3..=4, None).map(Some),
+                    None => Ok(None),
+                }
+            })?;
+            let Some(colors) = opened else { return Ok(Vec::new()) };
+            self.corners_of(part, &colors, |colors, v| [0, 1, 2].map(|c| colors.f32(v, c)))
+        };
+        (0..self.parts.len()).map(read).collect()
+    }
+
+    /// A layer's object and images.
+    fn layer(&self, root: &Value, number: usize, json: &Value) -> Result<LayerRead, SceneError> {
+        let info = json.as_object().ok_or_else(|| value("a layer", json, "an object"))?.clone();
+        let name = json.get("attribute").unwrap_or(&Value::Null);
+        if name.as_str() != Some(&attribute_name(number)) {
+            return Err(value("attribute", name, "the name that belongs to the layer's number"));
+        }
+        let channels = json.get("channels").unwrap_or(&Value::Null);
+        if !whole(channels).is_some_and(|n| (1..=3).contains(&n)) {
+            return Err(value("channels", channels, "1, 2 or 3"));
+        }
+        let pages = json.get("pages").unwrap_or(&Value::Null);
+        let pages = pages.as_array().ok_or_else(|| value("pages", pages, "an array of textures"))?;
+        let pages = pages.iter().map(|p| self.light_image(root, "pages", p)).collect::<Result<_, _>>()?;
+        let table = match (json.get("codes").and_then(Value::as_str), json.get("table")) {
+            (Some("packed"), None) => None,
+            (Some("table"), Some(table)) => Some(self.light_image(root, "table", table)?),
+            _ => {
+                let found = json.get("codes").unwrap_or(&Value::Null);
+                return Err(value("codes", found, "packed without a table, or table with one"));
+            }
+        };
+        Ok(LayerRead { info, pages, table, parts: Vec::with_capacity(self.parts.len()) })
+    }
+
+    fn light_image(&self, root: &Value, role: &str, texture: &Value) -> Result<LightImage, SceneError> {
+        let images = list(root, "images");
+        let texture = whole(texture)
+            .and_then(|t| list(root, "textures").get(t as usize))
+            .ok_or_else(|| value(role, texture, "the number of a texture"))?;
+        let image = index(texture, "source", images.len())?
+            .ok_or_else(|| value("source", "missing", "the number of an image"))?;
+        let uri = images[image].get("uri").and_then(Value::as_str).map(str::to_owned);
+        Ok(LightImage { png: self.document.image_of(root, image)?, uri })
+    }
+
+    /// Adds a part's codes to all layers.
+    fn part_codes(&self, root: &Value, part: usize, layers: &mut [LayerRead]) -> Result<(), SceneError> {
+        let count = layers.len();
+        for (number, layer) in layers.iter_mut().enumerate() {
+            let name = attribute_name(number);
+            let opened = self.open_all(root, part, &|json, ours| {
+                let names = ours.get("attributes").unwrap_or(&Value::Null);
+                let named = names.as_array().filter(|n| n.len() == count);
+                if named.and_then(|n| n[number].as_str()) != Some(&name) {
+                    return Err(value("attributes", names, "the attributes of all layers, in their order"));
+                }
+                let codes = attribute(&self.document, json, &name)?
+                    .ok_or_else(|| value(&*name, "missing", "an attribute of the primitive"))?;
+                let codes = open(&self.document, codes, &name, 2..=2, None)?;
                 if codes.layout.component != Component::U16 {
                     return Err(codec(
                         "light",
                         format!("{name} is no longer made of unsigned 16-bit integers"),
                     ));
                 }
-                let color = match ours.get("fallback").and_then(Value::as_str) {
-                    Some(fallback) => attribute(&self.document, json, fallback)?,
-                    None => None,
-                };
-                let color = match color {
-                    Some(color) => Some(open(&self.document, color, COLOR, 3..=4, Some(codes.count()))?),
-                    None => None,
-                };
-                Ok(Some((codes, color)))
+                Ok(Some(codes))
+            })?;
+            let codes = match opened {
+                Some(codes) => {
+                    self.corners_of(part, &codes, |codes, v| [0, 1].map(|c| codes.u32(v, c) as u16))?
+                }
+                None => Vec::new(),
             };
-            let place = primitive_place(&self.document, part.mesh, primitive);
-            opened.push(open_light().map_err(|e| e.at(|p| *p = place))?);
+            layer.parts.push(codes);
         }
-        if opened.iter().any(Option::is_none) {
-            return Ok(light);
-        }
-        for triangle in 0..part.triangles.len() {
-            let Some((codes, color)) = &opened[part.triangle_primitives[triangle] as usize] else { continue };
-            let corners = self.gltf_corners(number, triangle);
-            if let Some(&bad) = corners.iter().find(|&&v| v as usize >= codes.count()) {
-                return Err(crate::error::reference(ATTRIBUTE, u64::from(bad), codes.count()));
+        Ok(())
+    }
+
+    /// Opens an accessor of every primitive of a part; `None` when a primitive has no light, or not that accessor.
+    ///
+    /// - `find`: takes a primitive and its extension object
+    fn open_all<'a>(
+        &'a self,
+        root: &Value,
+        part: usize,
+        find: &dyn Fn(&Value, &Value) -> Result<Option<Elements<'a>>, SceneError>,
+    ) -> Result<Option<Vec<Elements<'a>>>, SceneError> {
+        let part = &self.parts[part];
+        let primitives = list(&list(root, "meshes")[part.mesh], "primitives");
+        let mut opened = Vec::with_capacity(part.primitives.len());
+        for &primitive in &part.primitives {
+            let json = &primitives[primitive];
+            let Some(ours) = extension(json, EXTENSION) else { return Ok(None) };
+            let found = find(json, ours).map_err(|e| {
+                e.at(|p| {
+                    let inner = std::mem::replace(p, primitive_place(&self.document, part.mesh, primitive));
+                    (p.accessor, p.attribute) = (inner.accessor, inner.attribute);
+                })
+            })?;
+            match found {
+                Some(found) => opened.push(found),
+                None => return Ok(None),
             }
-            let corners = corners.map(|v| v as usize);
-            light.corner_codes.push(corners.map(|v| [codes.u32(v, 0) as u16, codes.u32(v, 1) as u16]));
-            light.corner_fallback.push(corners.map(|v| color.as_ref().map_or(1.0, |c| c.f32(v, 0))));
         }
-        Ok(light)
+        Ok(Some(opened))
+    }
+
+    /// What the accessors of a part's primitives hold at the corners of its triangles.
+    fn corners_of<T>(
+        &self,
+        part: usize,
+        opened: &[Elements<'_>],
+        get: impl Fn(&Elements<'_>, usize) -> T,
+    ) -> Result<Vec<[T; 3]>, SceneError> {
+        let primitives = &self.parts[part].triangle_primitives;
+        let mut out = Vec::with_capacity(primitives.len());
+        for (triangle, &primitive) in primitives.iter().enumerate() {
+            let elements = &opened[primitive as usize];
+            let corners = self.gltf_corners(part, triangle);
+            if let Some(&bad) = corners.iter().find(|&&v| v as usize >= elements.count()) {
+                return Err(reference("a vertex with light", u64::from(bad), elements.count()));
+            }
+            out.push(corners.map(|v| get(elements, v as usize)));
+        }
+        Ok(out)
     }
 }
 
@@ -213,6 +262,21 @@ impl Document {
         match index(json, "bufferView", list(root, "bufferViews").len())? {
             Some(view) => Ok(self.view(view)?.to_vec()),
             None => self.image_file(json, image),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layer_names_are_their_own_and_no_others() {
+        assert!((0..20).all(|n| is_layer_name(&attribute_name(n))));
+        for name in
+            ["_LIGHTUV_0", "_LIGHTUV_", "_LIGHTUV1", "_LIGHTUV_x", "_LIGHT", "POSITION", "_LIGHTUV_01"]
+        {
+            assert!(!is_layer_name(name), "{name}");
         }
     }
 }

@@ -1,5 +1,5 @@
 //! The light of one pool: splitting its vertices where needed, decompressing what must change, and adding the
-//! light attribute and the fallback.
+//! attributes of the layers and the fallback.
 
 use std::collections::BTreeMap;
 
@@ -10,8 +10,9 @@ use crate::document::{MESHOPT, array, extension, index, list, object, whole};
 use crate::draco::DRACO;
 use crate::error::SceneError;
 use crate::geometry::attribute;
-use crate::lightmap::{ATTRIBUTE, COLOR, EXTENSION, ORIGINAL_COLOR, remove_extension};
+use crate::lightmap::{COLOR, EXTENSION, ORIGINAL_COLOR, attribute_name};
 use crate::split::{Split, split};
+use crate::undo::remove_extension;
 use crate::write::{Fallback, PartWritten, Patch, Purpose};
 
 impl<'a> Patch<'a> {
@@ -62,10 +63,15 @@ impl<'a> Patch<'a> {
         } else {
             self.split_pool(number, &first, &split)?;
         }
-        let codes: Vec<u8> = split.codes.iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
-        self.written.light_bytes += codes.len() as u64;
-        let template = json!({"componentType": 5123, "count": split.codes.len(), "type": "VEC2"});
-        let codes = self.new_accessor(Purpose::Light, &codes, template);
+        let mut codes = Vec::with_capacity(split.codes.len());
+        for (layer, of_layer) in split.codes.iter().enumerate() {
+            let bytes: Vec<u8> = of_layer.iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
+            self.written.light_bytes += bytes.len() as u64;
+            self.written.layers[layer].attribute_bytes += bytes.len() as u64;
+            let template = json!({"componentType": 5123, "count": of_layer.len(), "type": "VEC2"});
+            codes.push(self.new_accessor(Purpose::Light { layer }, &bytes, template));
+        }
+        let names: Vec<String> = (0..codes.len()).map(attribute_name).collect();
         let color = match self.light.fallback {
             Fallback::Color0 => Some(self.fallback(&split, original_color)?),
             Fallback::None => None,
@@ -75,8 +81,7 @@ impl<'a> Patch<'a> {
                 [primitive];
             let attributes = object(object(json).entry("attributes").or_insert(Value::Null));
             let mut ours = Map::new();
-            ours.insert("attribute".to_owned(), ATTRIBUTE.into());
-            ours.insert("lightmap".to_owned(), 0.into());
+            ours.insert("attributes".to_owned(), names.clone().into());
             if let Some((color, _)) = color {
                 if let Some(original) = attributes.insert(COLOR.to_owned(), color.into()) {
                     attributes.insert(ORIGINAL_COLOR.to_owned(), original);
@@ -84,7 +89,9 @@ impl<'a> Patch<'a> {
                 }
                 ours.insert("fallback".to_owned(), COLOR.into());
             }
-            attributes.insert(ATTRIBUTE.to_owned(), codes.into());
+            for (name, &accessor) in names.iter().zip(&codes) {
+                attributes.insert(name.clone(), accessor.into());
+            }
             let extensions = object(object(json).entry("extensions").or_insert(Value::Null));
             extensions.insert(EXTENSION.to_owned(), Value::Object(ours));
         }
@@ -92,7 +99,7 @@ impl<'a> Patch<'a> {
             original_vertices: source.vertices,
             added_vertices: split.added.len(),
             original_stride,
-            stride: original_stride + 4 + if color.is_some() { 4 } else { 0 },
+            stride: original_stride + 4 * codes.len() + if color.is_some() { 4 } else { 0 },
         });
         Ok(())
     }
@@ -300,26 +307,23 @@ impl<'a> Patch<'a> {
         let colors = original.map(|a| self.document.elements(a)).transpose()?;
         let width = colors.as_ref().map_or(3, |c| c.layout.width.clamp(3, 4));
         let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
-        let mut bytes = Vec::with_capacity(split.codes.len() * 4);
-        for (v, &light) in split.fallback.iter().enumerate() {
-            let from = if v < split.codes.len() - split.added.len() {
-                v
-            } else {
-                split.added[v - (split.codes.len() - split.added.len())] as usize
-            };
+        let mut bytes = Vec::with_capacity(split.fallback.len() * 4);
+        let originals = split.fallback.len() - split.added.len();
+        for (v, light) in split.fallback.iter().enumerate() {
+            let from = if v < originals { v } else { split.added[v - originals] as usize };
             let color = |c: usize| match &colors {
                 Some(colors) if c < colors.layout.width => {
                     Some(colors.f32(from, c)).filter(|x| x.is_finite()).unwrap_or(1.0)
                 }
                 _ => 1.0,
             };
-            (0..3).for_each(|c| bytes.push(byte(light * color(c))));
+            (0..3).for_each(|c| bytes.push(byte(light[c] * color(c))));
             bytes.push(if width == 4 { byte(color(3)) } else { 0 });
         }
         self.written.fallback_bytes += bytes.len() as u64;
         let kind = if width == 4 { "VEC4" } else { "VEC3" };
         let template =
-            json!({"componentType": 5121, "normalized": true, "count": split.codes.len(), "type": kind});
+            json!({"componentType": 5121, "normalized": true, "count": split.fallback.len(), "type": kind});
         Ok((self.new_accessor(Purpose::Fallback, &bytes, template), width))
     }
 }

@@ -16,6 +16,7 @@ use crate::lightmap;
 use crate::material::{Material, read_materials};
 use crate::nodes::{Nodes, place_of};
 use crate::pose::{Posed, placements, pose, read_skin};
+use crate::undo::undo;
 
 /// How to read.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -97,10 +98,11 @@ pub struct TriangleFlags {
 /// The light of a part, corner by corner.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PartLight {
-    /// Per triangle, per corner: the `_LIGHTUV` value.
-    pub corner_codes: Vec<[[u16; 2]; 3]>,
-    /// Linear value 0..=1 shown by `COLOR_0` in viewers that do not know the extension.
-    pub corner_fallback: Vec<[f32; 3]>,
+    /// Per layer, per triangle, per corner: the value of the layer's attribute.
+    pub corner_codes: Vec<Vec<[[u16; 2]; 3]>>,
+    /// Per triangle, per corner: linear RGB, 0..=1, shown by `COLOR_0` in viewers that do not know the extension.
+    /// May be empty when nothing is written there.
+    pub corner_fallback: Vec<[[f32; 3]; 3]>,
 }
 
 impl Scene {
@@ -133,7 +135,7 @@ impl Scene {
         let mut warnings = Warnings::default();
         check_required(&document.root)?;
         let before = lightmap::is_baked(&document.root).then(|| document.root.clone());
-        if lightmap::undo(&mut document.root) {
+        if undo(&mut document.root) {
             warnings.add("the light of an earlier bake is replaced", 1, Place::default());
         }
         let nodes = Nodes::read(&document, options.scene, &mut warnings)?;
@@ -401,22 +403,33 @@ fn flatten(part: &mut Part, corners: &[[u32; 3]]) {
     }
 }
 
-/// Checks that `light` belongs to the scene.
-pub(crate) fn check_light(scene: &Scene, parts: &[PartLight], colors: bool) -> Result<(), SceneError> {
+/// Checks that light of so many layers belongs to the scene; `colors`: that it has fallback colors.
+pub(crate) fn check_light(
+    scene: &Scene,
+    parts: &[PartLight],
+    layers: usize,
+    colors: bool,
+) -> Result<(), SceneError> {
     let wrong = |what, count, expected| SceneError::Light { what, count, expected, place: Box::default() };
+    if layers == 0 {
+        return Err(wrong("layers of light", 0, 1));
+    }
     if parts.len() != scene.parts.len() {
         return Err(wrong("parts with light", parts.len(), scene.parts.len()));
     }
     for (light, part) in parts.iter().zip(&scene.parts) {
         let expected = part.triangles.len();
         let at = |e: SceneError| e.at(|p| *p = place_of(&scene.document, part.node));
-        if light.corner_codes.len() != expected {
-            return Err(at(wrong("triangles with codes", light.corner_codes.len(), expected)));
+        if light.corner_codes.len() != layers {
+            return Err(at(wrong("layers with codes", light.corner_codes.len(), layers)));
+        }
+        if let Some(codes) = light.corner_codes.iter().find(|codes| codes.len() != expected) {
+            return Err(at(wrong("triangles with codes", codes.len(), expected)));
         }
         if colors && light.corner_fallback.len() != expected {
             return Err(at(wrong("triangles with fallback colours", light.corner_fallback.len(), expected)));
         }
-        if colors && light.corner_fallback.iter().flatten().any(|v| !v.is_finite()) {
+        if colors && light.corner_fallback.iter().flatten().flatten().any(|v| !v.is_finite()) {
             return Err(at(value("a fallback colour", "not finite", "0 to 1")));
         }
     }

@@ -1,30 +1,34 @@
 //! Vertices that carry two codes become two vertices.
 
-/// The vertices of a pool after every (vertex, code) pair got a vertex of its own.
+/// The codes of a part's triangles, per layer: per triangle, per corner.
+pub(crate) type LayerCodes = [Vec<[[u16; 2]; 3]>];
+
+/// The vertices of a pool after every vertex got one copy for each distinct tuple of codes, one per layer, that its
+/// corners show.
 #[derive(Debug)]
 pub(crate) struct Split {
     /// The original vertex behind each added one.
     pub added: Vec<u32>,
-    /// Per final vertex; the originals come first and keep their numbers.
-    pub codes: Vec<[u16; 2]>,
-    /// Per final vertex: the value of the first corner that shows it.
-    pub fallback: Vec<f32>,
+    /// Per layer, per final vertex; the originals come first and keep their numbers.
+    pub codes: Vec<Vec<[u16; 2]>>,
+    /// Per final vertex: the color of the first corner that shows it.
+    pub fallback: Vec<[f32; 3]>,
     /// Final vertices per triangle, in the order of the corners given.
     pub corners: Vec<[u32; 3]>,
 }
 
-/// What vertices without a triangle get: full light, as a color-vertex.
-const UNUSED: [u16; 2] = [u16::MAX, 0x8000];
+/// What vertices without a triangle get: a color-vertex that is valid in every form, a table's first entry included.
+const UNUSED: [u16; 2] = [0, 0x8000];
 
-/// Splits a pool of `vertices` vertices. The first code that a vertex is seen with stays on it.
+/// Splits a pool of `vertices` vertices. The first tuple of codes that a vertex is seen with stays on it.
 ///
 /// - `corners`: the pool's vertices, per triangle; all below `vertices`
-/// - `codes`, `fallback`: per triangle; a missing fallback counts as 1
+/// - `codes`: per layer, per triangle; `fallback`: per triangle, a missing one counts as white
 pub(crate) fn split(
     vertices: usize,
-    corners: impl Iterator<Item = [u32; 3]>,
-    codes: &[[[u16; 2]; 3]],
-    fallback: &[[f32; 3]],
+    corners: impl ExactSizeIterator<Item = [u32; 3]>,
+    codes: &LayerCodes,
+    fallback: &[[[f32; 3]; 3]],
 ) -> Split {
     const END: u32 = u32::MAX;
     const UNSEEN: u32 = u32::MAX - 1;
@@ -32,30 +36,34 @@ pub(crate) fn split(
     let mut next = vec![UNSEEN; vertices];
     let mut out = Split {
         added: Vec::new(),
-        codes: vec![UNUSED; vertices],
-        fallback: vec![1.0; vertices],
+        codes: vec![vec![UNUSED; vertices]; codes.len()],
+        fallback: vec![[1.0; 3]; vertices],
         corners: Vec::new(),
     };
-    out.corners.reserve_exact(codes.len());
+    out.corners.reserve_exact(corners.len());
     for (t, triangle) in corners.enumerate() {
         let mut place = |k: usize| -> u32 {
-            let (vertex, code) = (triangle[k], codes[t][k]);
-            let value = fallback.get(t).map_or(1.0, |f| f[k]);
+            let vertex = triangle[k];
+            let color = fallback.get(t).map_or([1.0; 3], |f| f[k]);
             if next[vertex as usize] == UNSEEN {
                 next[vertex as usize] = END;
-                out.codes[vertex as usize] = code;
-                out.fallback[vertex as usize] = value;
+                for (out, codes) in out.codes.iter_mut().zip(codes) {
+                    out[vertex as usize] = codes[t][k];
+                }
+                out.fallback[vertex as usize] = color;
                 return vertex;
             }
             let mut at = vertex;
-            while out.codes[at as usize] != code {
+            while out.codes.iter().zip(codes).any(|(out, codes)| out[at as usize] != codes[t][k]) {
                 if next[at as usize] == END {
                     let new = next.len() as u32;
                     next[at as usize] = new;
                     next.push(END);
                     out.added.push(vertex);
-                    out.codes.push(code);
-                    out.fallback.push(value);
+                    for (out, codes) in out.codes.iter_mut().zip(codes) {
+                        out.push(codes[t][k]);
+                    }
+                    out.fallback.push(color);
                     return new;
                 }
                 at = next[at as usize];
@@ -76,21 +84,40 @@ mod tests {
     fn split_keeps_originals_and_appends_copies() {
         // Two triangles of a quad; the shared vertex 2 has another code in the second.
         let corners = [[0, 1, 2], [2, 1, 3]];
-        let codes = [[[0, 0], [1, 1], [2, 2]], [[9, 9], [1, 1], [3, 3]]];
-        let fallback = [[0.0, 0.1, 0.2], [0.9, 0.1, 0.3]];
+        let codes = [vec![[[0, 0], [1, 1], [2, 2]], [[9, 9], [1, 1], [3, 3]]]];
+        let fallback = [[0.0, 0.1, 0.2], [0.9, 0.1, 0.3]].map(|f| f.map(|v| [v; 3]));
         let out = split(5, corners.into_iter(), &codes, &fallback);
         assert_eq!(out.added, [2]);
         assert_eq!(out.corners, [[0, 1, 2], [5, 1, 3]]);
-        assert_eq!(out.codes, [[0, 0], [1, 1], [2, 2], [3, 3], UNUSED, [9, 9]]);
-        assert_eq!(out.fallback, [0.0, 0.1, 0.2, 0.3, 1.0, 0.9]);
+        assert_eq!(out.codes, [[[0, 0], [1, 1], [2, 2], [3, 3], UNUSED, [9, 9]]]);
+        assert_eq!(out.fallback, [0.0, 0.1, 0.2, 0.3, 1.0, 0.9].map(|v| [v; 3]));
     }
 
     #[test]
     fn split_same_pair_is_shared() {
         let corners = [[0, 1, 2], [0, 1, 2], [0, 0, 0]];
-        let codes = [[[1, 0]; 3], [[2, 0]; 3], [[2, 0]; 3]];
+        let codes = [vec![[[1, 0]; 3], [[2, 0]; 3], [[2, 0]; 3]]];
         let out = split(3, corners.into_iter(), &codes, &[]);
         assert_eq!(out.added, [0, 1, 2]);
         assert_eq!(out.corners, [[0, 1, 2], [3, 4, 5], [3, 3, 3]]);
+    }
+
+    #[test]
+    fn split_looks_at_the_tuple_of_all_layers() {
+        // One vertex, six corners: three distinct pairs, though each layer alone shows only two codes.
+        let corners = [[0, 0, 0], [0, 0, 0]];
+        let first = vec![[[1, 0], [1, 0], [2, 0]], [[2, 0], [1, 0], [2, 0]]];
+        let second = vec![[[7, 0], [8, 0], [8, 0]], [[8, 0], [7, 0], [8, 0]]];
+        let out = split(1, corners.into_iter(), &[first, second], &[]);
+        assert_eq!(out.added, [0, 0]);
+        assert_eq!(out.corners, [[0, 1, 2], [2, 0, 2]]);
+        assert_eq!(out.codes, [[[1, 0], [1, 0], [2, 0]], [[7, 0], [8, 0], [8, 0]]]);
+    }
+
+    #[test]
+    fn split_without_layers_or_triangles_adds_nothing() {
+        assert_eq!(split(2, [[0, 1, 0]].into_iter(), &[], &[]).added, [0_u32; 0]);
+        let out = split(2, [].into_iter(), &[Vec::new()], &[]);
+        assert_eq!((out.codes, out.corners), (vec![vec![UNUSED; 2]], vec![]));
     }
 }

@@ -1,8 +1,9 @@
-//! Light into the file: one attribute, one extension, the atlas and a fallback; all else as it came.
+//! Light into the file: an attribute and an atlas for each layer, one extension and a fallback; all else as it
+//! came.
 //!
-//! For each pool the distinct (glTF vertex, code) pairs are found (`split`). Where no vertex carries two codes
-//! the accessors stay shared between primitives, meshes and instances and only `_LIGHTUV` and the fallback are
-//! added; elsewhere the pool gets accessors of its own, whose first vertices are the original ones.
+//! For each pool the distinct tuples (glTF vertex, code of each layer) are found (`split`). Where no vertex carries
+//! two the accessors stay shared between primitives, meshes and instances and only the attributes of the layers and
+//! the fallback are added; elsewhere the pool gets accessors of its own, whose first vertices are the original ones.
 //! docs/FORMAT.md is the description for readers of the result.
 
 use std::collections::BTreeMap;
@@ -16,29 +17,38 @@ use crate::document::{BufferSource, Document, array, extension, index, list, obj
 use crate::error::{SceneError, Warning, Warnings};
 use crate::geometry::primitive_place;
 use crate::instances::{self, INSTANCING};
-use crate::lightmap::{EXTENSION, remove_extension};
+use crate::lightmap::{EXTENSION, VERSION, attribute_name};
 use crate::nodes::place_of;
 use crate::output::Staged;
+use crate::replace::remove_slots;
 use crate::scene::{PartLight, Scene, check_light};
+use crate::texture::Slot;
+use crate::undo::remove_extension;
 use crate::uri;
 
 /// What viewers that do not know the extension show.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fallback {
-    /// The light multiplied into `COLOR_0`, 8 bits, linear.
+    /// The light multiplied into `COLOR_0`: RGB, 8 bits, linear.
+    #[default]
     Color0,
     /// Nothing.
     None,
 }
 
-/// The pages of the atlas, as PNG files.
+/// One layer of light: its images and what the extension says about it.
 #[derive(Clone, Debug, Default)]
-pub struct AtlasFiles {
-    /// One PNG file each, in order.
+pub struct LayerFiles {
+    /// The pages of the atlas, one PNG file each, in order. Empty when there are no texture triangles.
     pub pages: Vec<Vec<u8>>,
+    /// The table of colors as a PNG file, where the codes are numbers of its entries.
+    pub table: Option<Vec<u8>>,
+    /// The layer's object (docs/LIGHTKILN_lightmap.schema.json); [`write`] fills in `attribute`, `codes`, `pages` and
+    /// `table`.
+    pub info: Map<String, Value>,
 }
 
-/// The root object of the extension; `pages` is filled in by [`write`].
+/// The root object of the extension; [`write`] fills in `version` and `layers`.
 #[derive(Clone, Debug, Default)]
 pub struct ExtensionInfo {
     /// A JSON object (docs/LIGHTKILN_lightmap.schema.json).
@@ -46,16 +56,18 @@ pub struct ExtensionInfo {
 }
 
 /// The light of a scene.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct BakedLight {
     /// One per [`Scene::parts`], in that order.
     pub parts: Vec<PartLight>,
-    /// The atlas, if there are texture triangles.
-    pub atlas: Option<AtlasFiles>,
+    /// At least one, in the order of [`PartLight::corner_codes`].
+    pub layers: Vec<LayerFiles>,
     /// The extension's root object.
     pub extension: ExtensionInfo,
     /// What other viewers show.
     pub fallback: Fallback,
+    /// Textures of the asset that the light replaces; they leave all materials. Usually empty.
+    pub remove: Vec<Slot>,
 }
 
 /// A file that was written.
@@ -80,6 +92,17 @@ pub struct PartWritten {
     pub stride: usize,
 }
 
+/// What a layer takes in the file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LayerWritten {
+    /// Bytes of its attributes.
+    pub attribute_bytes: u64,
+    /// Bytes of the images of its atlas.
+    pub atlas_bytes: u64,
+    /// Bytes of the image of its table.
+    pub table_bytes: u64,
+}
+
 /// What a write did.
 #[derive(Clone, Debug, Default)]
 pub struct Written {
@@ -87,12 +110,16 @@ pub struct Written {
     pub files: Vec<WrittenFile>,
     /// One per part.
     pub parts: Vec<PartWritten>,
-    /// Bytes of the `_LIGHTUV` attributes.
+    /// One per layer.
+    pub layers: Vec<LayerWritten>,
+    /// Bytes of the attributes of all layers.
     pub light_bytes: u64,
     /// Bytes of the fallback `COLOR_0`.
     pub fallback_bytes: u64,
-    /// Bytes of the atlas images.
+    /// Bytes of the atlas images of all layers.
     pub atlas_bytes: u64,
+    /// Bytes of the tables of all layers.
+    pub table_bytes: u64,
     /// Bytes of vertices and indices that were written anew because vertices were split or decompressed.
     pub geometry_bytes: u64,
     /// Bytes of the input's buffer that are no longer used and were dropped.
@@ -113,7 +140,8 @@ pub struct Written {
 
 /// Writes a scene with its light to a `.glb` or `.gltf`.
 ///
-/// A `.gltf` gets its bytes in `<stem>.bin` and its atlas in `<stem>.lightkiln.<page>.png` beside it. Files
+/// A `.gltf` gets its bytes in `<stem>.bin` and its atlas in `<stem>.lightkiln.<page>.png` beside it; further layers
+/// are `<stem>.lightkiln_<layer>.<page>.png`, tables have `table` in place of a page. Files
 /// that the scene refers to are copied beside the output when the folder differs, unless they are there already.
 /// Every file appears by rename, the scene last; after an error nothing is left behind that a scene refers to.
 ///
@@ -133,8 +161,9 @@ fn write_inner(scene: &Scene, light: &BakedLight, path: &Path) -> Result<Written
         Some("gltf") => false,
         _ => return Err(SceneError::OutputName { path: path.to_owned(), place: Box::default() }),
     };
-    check_light(scene, &light.parts, light.fallback == Fallback::Color0)?;
+    check_light(scene, &light.parts, light.layers.len(), light.fallback == Fallback::Color0)?;
     let mut patch = Patch::new(scene, light, glb)?;
+    remove_slots(&mut patch.root, &light.remove);
     patch.meshes()?;
     for part in 0..scene.parts.len() {
         patch.part(part).map_err(|e| {
@@ -146,18 +175,18 @@ fn write_inner(scene: &Scene, light: &BakedLight, path: &Path) -> Result<Written
             })
         })?;
     }
-    patch.atlas(path)?;
+    patch.layers(path)?;
     patch.finish(path)
 }
 
 /// What appended bytes are for: each purpose gets one buffer view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Purpose {
-    Light,
+    Light { layer: usize },
     Fallback,
     Vertices { stride: usize },
     Indices { size: usize },
-    Page { number: usize },
+    Image { number: usize },
 }
 
 /// A document on its way to being written.
@@ -214,7 +243,10 @@ impl<'a> Patch<'a> {
             first_view,
             plain: BTreeMap::new(),
             staged: Staged::default(),
-            written: Written::default(),
+            written: Written {
+                layers: vec![LayerWritten::default(); light.layers.len()],
+                ..Written::default()
+            },
             warnings: Warnings::default(),
         })
     }
@@ -331,40 +363,82 @@ impl<'a> Patch<'a> {
         }
     }
 
-    /// Adds the pages of the atlas and the root object.
-    fn atlas(&mut self, path: &Path) -> Result<(), SceneError> {
-        let pages = self.light.atlas.as_ref().map_or(&[][..], |a| a.pages.as_slice());
-        let mut textures = Vec::new();
-        if !pages.is_empty() {
-            let samplers = array(&mut self.root, "samplers");
-            samplers.push(json!({"magFilter": 9729, "minFilter": 9729, "wrapS": 33071, "wrapT": 33071}));
-            let sampler = samplers.len() - 1;
-            for (number, png) in pages.iter().enumerate() {
-                self.written.atlas_bytes += png.len() as u64;
-                let image = if self.glb {
-                    let (view, _) = self.append(Purpose::Page { number }, png);
-                    json!({"mimeType": "image/png", "bufferView": view})
-                } else {
-                    let name = format!("{}.lightkiln.{number}.png", stem(path));
-                    self.staged.write(&path.with_file_name(&name), png)?;
-                    json!({"mimeType": "image/png", "uri": uri::encode(&name)})
-                };
-                let images = array(&mut self.root, "images");
-                images.push(image);
-                let source = images.len() - 1;
-                let all = array(&mut self.root, "textures");
-                all.push(json!({"sampler": sampler, "source": source}));
-                textures.push(Value::from(all.len() - 1));
+    /// Adds the images of all layers and the root object.
+    fn layers(&mut self, path: &Path) -> Result<(), SceneError> {
+        let light = self.light;
+        let pages = light.layers.iter().any(|l| !l.pages.is_empty()).then(|| self.sampler(LINEAR));
+        // The entries of a table must not be mixed.
+        let tables = light.layers.iter().any(|l| l.table.is_some()).then(|| self.sampler(NEAREST));
+        let mut layers = Vec::with_capacity(light.layers.len());
+        for (number, layer) in light.layers.iter().enumerate() {
+            let mut ours = layer.info.clone();
+            ours.insert("attribute".to_owned(), attribute_name(number).into());
+            ours.insert("codes".to_owned(), if layer.table.is_some() { "table" } else { "packed" }.into());
+            let mut textures = Vec::with_capacity(layer.pages.len());
+            for (page, png) in layer.pages.iter().enumerate() {
+                self.written.layers[number].atlas_bytes += png.len() as u64;
+                textures.push(Value::from(self.texture(path, number, &page.to_string(), png, pages)?));
             }
+            ours.insert("pages".to_owned(), Value::Array(textures));
+            ours.shift_remove("table");
+            if let Some(png) = &layer.table {
+                self.written.layers[number].table_bytes = png.len() as u64;
+                ours.insert("table".to_owned(), self.texture(path, number, "table", png, tables)?.into());
+            }
+            layers.push(Value::Object(ours));
         }
-        let mut ours = self.light.extension.root.clone();
-        object(&mut ours).insert("pages".to_owned(), Value::Array(textures));
+        self.written.atlas_bytes = self.written.layers.iter().map(|l| l.atlas_bytes).sum();
+        self.written.table_bytes = self.written.layers.iter().map(|l| l.table_bytes).sum();
+        let mut ours = Map::new();
+        ours.insert("version".to_owned(), VERSION.into());
+        for (key, v) in light.extension.root.as_object().into_iter().flatten() {
+            ours.entry(key).or_insert_with(|| v.clone());
+        }
+        ours.insert("layers".to_owned(), Value::Array(layers));
         let extensions = object(object(&mut self.root).entry("extensions").or_insert(Value::Null));
-        extensions.insert(EXTENSION.to_owned(), ours);
+        extensions.insert(EXTENSION.to_owned(), Value::Object(ours));
         let used = array(&mut self.root, "extensionsUsed");
         if !used.iter().any(|e| e.as_str() == Some(EXTENSION)) {
             used.push(EXTENSION.into());
         }
         Ok(())
     }
+
+    /// Adds a sampler that clamps and has no mipmaps.
+    fn sampler(&mut self, filter: u32) -> usize {
+        let samplers = array(&mut self.root, "samplers");
+        samplers.push(json!({"magFilter": filter, "minFilter": filter, "wrapS": 33071, "wrapT": 33071}));
+        samplers.len() - 1
+    }
+
+    /// Adds an image of a layer with its texture; beside a `.gltf` it is a file. Returns the texture.
+    fn texture(
+        &mut self,
+        path: &Path,
+        layer: usize,
+        name: &str,
+        png: &[u8],
+        sampler: Option<usize>,
+    ) -> Result<usize, SceneError> {
+        let image = if self.glb {
+            let number = list(&self.root, "images").len();
+            let (view, _) = self.append(Purpose::Image { number }, png);
+            json!({"mimeType": "image/png", "bufferView": view})
+        } else {
+            let of_layer = if layer == 0 { String::new() } else { format!("_{layer}") };
+            let name = format!("{}.lightkiln{of_layer}.{name}.png", stem(path));
+            self.staged.write(&path.with_file_name(&name), png)?;
+            json!({"mimeType": "image/png", "uri": uri::encode(&name)})
+        };
+        let images = array(&mut self.root, "images");
+        images.push(image);
+        let source = images.len() - 1;
+        let textures = array(&mut self.root, "textures");
+        textures.push(json!({"sampler": sampler, "source": source}));
+        Ok(textures.len() - 1)
+    }
 }
+
+/// Filters of glTF samplers.
+const NEAREST: u32 = 9728;
+const LINEAR: u32 = 9729;

@@ -182,7 +182,7 @@ fn error_light_that_does_not_fit() {
     let folder = Folder::new("unfit");
     let scene = Gltf::quad().read().unwrap();
     let mut wrong = light(&scene, true);
-    wrong.parts[0].corner_codes.pop();
+    wrong.parts[0].corner_codes[0].pop();
     let out = folder.0.join("out.glb");
     assert!(matches!(write(&scene, &wrong, &out), Err(SceneError::Light { count: 1, expected: 2, .. })));
     assert!(matches!(

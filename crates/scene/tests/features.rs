@@ -309,7 +309,7 @@ fn write_without_splits_only_adds() {
     let primitive = &after["meshes"][0]["primitives"][0];
     assert_eq!(
         primitive["extensions"]["LIGHTKILN_lightmap"],
-        json!({"attribute": ATTRIBUTE, "lightmap": 0, "color0": ORIGINAL_COLOR, "fallback": "COLOR_0"})
+        json!({"attributes": [ATTRIBUTE], "color0": ORIGINAL_COLOR, "fallback": "COLOR_0"})
     );
     assert_eq!(
         primitive["attributes"][ORIGINAL_COLOR],
@@ -324,7 +324,12 @@ fn write_without_splits_only_adds() {
     assert!(accessor.get("normalized").is_none());
     let view = &after["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
     assert_eq!((&view["byteStride"], &view["target"]), (&json!(4), &json!(34962)));
-    assert_eq!(after["extensions"]["LIGHTKILN_lightmap"], json!({"version": 1, "pages": [1]}));
+    let layer = json!({"signal": "ambientOcclusion", "channels": 1, "curve": "linear", "range": [0, 1],
+        "attribute": "_LIGHTUV", "codes": "packed", "pages": [1]});
+    assert_eq!(
+        after["extensions"]["LIGHTKILN_lightmap"],
+        json!({"version": 2, "generator": "a test", "layers": [layer]})
+    );
     assert!(after["extensionsUsed"].as_array().unwrap().contains(&json!("LIGHTKILN_lightmap")));
     assert!(!after["extensionsRequired"].as_array().unwrap().contains(&json!("LIGHTKILN_lightmap")));
     // The meshes of clones share all accessors but ours.
@@ -341,16 +346,19 @@ fn write_again_restores_the_original_first() {
     let baked = Scene::read(&first, &ReadOptions::default()).unwrap();
     assert!(warned(&baked, "earlier bake"));
     let map = baked.read_lightmap().unwrap().unwrap();
-    assert_eq!(map.extension["version"], 1);
-    assert_eq!(map.pages.len(), 1);
-    for (part, given) in map.parts.iter().zip(&light(&scene, true).parts) {
-        assert_eq!(part.corner_codes, given.corner_codes);
+    assert_eq!(map.extension["version"], 2);
+    assert_eq!(map.layers.len(), 1);
+    assert_eq!(map.layers[0].pages.len(), 1);
+    for (part, given) in map.layers[0].parts.iter().zip(&light(&scene, true).parts) {
+        assert_eq!(*part, given.corner_codes[0]);
     }
-    // Vertex 0 is white times 0.5, rounded to 8 bits.
-    assert!((map.parts[0].corner_fallback[0][0] - 0.5).abs() < 1.0 / 255.0);
+    // Vertex 0 is (1, 1/2, 1/4) times (1/2, 1/4, 1), rounded to 8 bits.
+    let color = baked.read_fallback().unwrap()[0][0][0];
+    assert!(color.iter().zip([0.5, 0.125, 0.25]).all(|(a, b)| (a - b).abs() < 1.0 / 255.0), "{color:?}");
     // With no fallback, the original color stands where it stood.
     let mut plain = light(&baked, false);
-    (plain.fallback, plain.atlas) = (Fallback::None, None);
+    plain.fallback = Fallback::None;
+    plain.layers[0].pages.clear();
     write(&baked, &plain, &second).unwrap();
     let json = json_of(&std::fs::read(&second).unwrap());
     assert_eq!(json["textures"].as_array().unwrap().len(), 1);
@@ -417,8 +425,8 @@ fn write_mirrored_keeps_the_winding_of_the_file() {
     let again = Scene::read(&out, &ReadOptions::default()).unwrap();
     assert!((0..2).all(|t| front(&again, 0, t) == front(&scene, 0, t)));
     assert_eq!(
-        again.read_lightmap().unwrap().unwrap().parts[0].corner_codes,
-        light(&scene, true).parts[0].corner_codes
+        again.read_lightmap().unwrap().unwrap().layers[0].parts[0],
+        light(&scene, true).parts[0].corner_codes[0]
     );
 }
 
@@ -449,7 +457,7 @@ fn write_gltf_copies_resources_and_leaves_no_temporary_files() {
     }
     let again = Scene::read(&out, &ReadOptions::default()).unwrap();
     assert_eq!(
-        again.read_lightmap().unwrap().unwrap().pages[0].uri.as_deref(),
+        again.read_lightmap().unwrap().unwrap().layers[0].pages[0].uri.as_deref(),
         Some("bäked%20scene.lightkiln.0.png")
     );
     // Into a .glb: the buffer moves inside.

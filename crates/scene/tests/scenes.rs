@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use lightkiln_scene::{
-    AtlasFiles, BakedLight, ExtensionInfo, Fallback, PartLight, ReadOptions, Scene, write,
+    BakedLight, ExtensionInfo, Fallback, LayerFiles, PartLight, ReadOptions, Scene, write,
 };
 
 fn scenes() -> Vec<PathBuf> {
@@ -35,23 +35,33 @@ fn png() -> Vec<u8> {
     out.into_inner()
 }
 
-/// Codes that differ between triangles now and then, so that some vertices split and most do not.
+/// Two layers whose codes differ between triangles now and then, so that some vertices split and most do not.
 fn made_up(scene: &Scene, every: usize) -> BakedLight {
     let parts = scene.parts.iter().enumerate().map(|(number, part)| {
-        let mut light = PartLight::default();
+        let mut light = PartLight { corner_codes: vec![Vec::new(); 2], ..PartLight::default() };
         for t in 0..part.triangles.len() {
             let corners = scene.gltf_corners(number, t);
             let bump = u16::from(every > 0 && t % every == 0);
-            light.corner_codes.push(corners.map(|v| [(v % 60000) as u16 + bump, 0x8000]));
-            light.corner_fallback.push(corners.map(|v| (v % 100) as f32 / 100.0));
+            light.corner_codes[0].push(corners.map(|v| [(v % 60000) as u16 + bump, 0x8000]));
+            light.corner_codes[1].push(corners.map(|v| [(v % 50000) as u16, 0x8000 | (bump << 3)]));
+            light.corner_fallback.push(corners.map(|v| [(v % 100) as f32 / 100.0; 3]));
         }
         light
     });
+    let layer = |signal: &str, channels: u32| LayerFiles {
+        pages: vec![png(), png()],
+        table: (channels == 3).then(png),
+        info: serde_json::json!({"signal": signal, "channels": channels, "curve": "linear", "range": [0, 1]})
+            .as_object()
+            .unwrap()
+            .clone(),
+    };
     BakedLight {
         parts: parts.collect(),
-        atlas: Some(AtlasFiles { pages: vec![png(), png()] }),
-        extension: ExtensionInfo { root: serde_json::json!({"version": 1, "signal": "ambientOcclusion"}) },
+        layers: vec![layer("ambientOcclusion", 1), layer("irradiance", 3)],
+        extension: ExtensionInfo { root: serde_json::json!({"generator": "a test"}) },
         fallback: Fallback::Color0,
+        remove: Vec::new(),
     }
 }
 
@@ -115,10 +125,13 @@ fn scenes_round_trip() {
                 assert_eq!(a.primitive_materials, b.primitive_materials);
             }
             let map = again.read_lightmap().unwrap().unwrap();
-            assert_eq!(map.pages.len(), 2);
-            assert_eq!(map.pages[0].png, png());
-            for (read, given) in map.parts.iter().zip(&light.parts) {
-                assert_eq!(read.corner_codes, given.corner_codes);
+            assert_eq!(map.layers.len(), 2);
+            for (number, layer) in map.layers.iter().enumerate() {
+                assert_eq!((layer.pages.len(), &layer.pages[0].png), (2, &png()));
+                assert_eq!(layer.table.is_some(), number == 1);
+                for (read, given) in layer.parts.iter().zip(&light.parts) {
+                    assert_eq!(*read, given.corner_codes[number]);
+                }
             }
             // Baking again gives the same file as baking the original.
             if every == 0 {

@@ -2,7 +2,7 @@
 #![allow(dead_code)] // every test file uses another part
 
 use lightkiln_scene::{
-    AtlasFiles, BakedLight, ExtensionInfo, Fallback, PartLight, ReadOptions, Scene, SceneError,
+    BakedLight, ExtensionInfo, Fallback, LayerFiles, PartLight, ReadOptions, Scene, SceneError,
 };
 use serde_json::{Value, json};
 
@@ -122,22 +122,35 @@ pub fn png(image: &image::RgbaImage) -> Vec<u8> {
     out.into_inner()
 }
 
-/// One code for each triangle (they split shared vertices), or one for each glTF vertex (nothing splits).
+/// One layer of one page: one code for each triangle (they split shared vertices), or one for each glTF vertex
+/// (nothing splits). The fallback is (1/2, 1/4, 1).
 pub fn light(scene: &Scene, by_triangle: bool) -> BakedLight {
-    let parts = scene.parts.iter().enumerate().map(|(number, part)| {
-        let mut light = PartLight::default();
-        for t in 0..part.triangles.len() {
-            let corners = scene.gltf_corners(number, t);
-            light.corner_codes.push(corners.map(|v| [if by_triangle { t as u16 } else { v as u16 }, 0x8000]));
-            light.corner_fallback.push([0.5; 3]);
-        }
-        light
+    let parts = (0..scene.parts.len()).map(|part| PartLight {
+        corner_codes: vec![codes(scene, part, |t, v| [if by_triangle { t } else { v }, 0x8000])],
+        corner_fallback: vec![[[0.5, 0.25, 1.0]; 3]; scene.parts[part].triangles.len()],
     });
     BakedLight {
         parts: parts.collect(),
-        atlas: Some(AtlasFiles { pages: vec![png(&image::RgbaImage::new(4, 4))] }),
-        extension: ExtensionInfo { root: json!({"version": 1}) },
+        layers: vec![layer("ambientOcclusion", 1, 1)],
+        extension: ExtensionInfo { root: json!({"generator": "a test"}) },
         fallback: Fallback::Color0,
+        remove: Vec::new(),
+    }
+}
+
+/// The codes of a part: of a triangle and a glTF vertex.
+pub fn codes(scene: &Scene, part: usize, code: impl Fn(u16, u16) -> [u16; 2]) -> Vec<[[u16; 2]; 3]> {
+    let triangles = 0..scene.parts[part].triangles.len();
+    triangles.map(|t| scene.gltf_corners(part, t).map(|v| code(t as u16, v as u16))).collect()
+}
+
+/// A layer of black pages.
+pub fn layer(signal: &str, channels: usize, pages: usize) -> LayerFiles {
+    let info = json!({"signal": signal, "channels": channels, "curve": "linear", "range": [0, 1]});
+    LayerFiles {
+        pages: vec![png(&image::RgbaImage::new(4, 4)); pages],
+        table: None,
+        info: info.as_object().unwrap().clone(),
     }
 }
 
