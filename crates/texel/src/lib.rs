@@ -10,25 +10,31 @@
 //! | [`mod@stitch`] | least squares: both sides of every seam read the same |
 //! | [`fill`] | push-pull |
 //! | [`mod@compose`] | charts into pages |
-//! | [`image`] | PNG and EXR |
+//! | [`image`], [`image_exr`], [`ktx2`] | PNG, EXR, KTX2 |
+//! | [`rgb9e5`] | light in 32 bits |
 //!
 //! Values of a chart are a flat array, texels x channels, in the chart's own grid; nothing here knows what a
-//! channel means. Only [`image`] knows file formats, and it takes writers and bytes.
+//! channel means. Only the image modules know file formats, and they take writers and bytes.
 
 pub mod compose;
 pub mod fill;
 pub mod grid;
 pub mod image;
+pub mod image_exr;
+pub mod ktx2;
 pub mod lift;
 mod normal;
 pub mod observe;
 mod prepare;
+pub mod rgb9e5;
 mod seams;
 pub mod stitch;
 
 pub use compose::{Atlas, compose};
 pub use grid::{Footprint, lookup};
-pub use image::{ExrDepth, Image, ImageError, PngDepth, read_exr, read_png, write_exr, write_png};
+pub use image::{Image, ImageError, PngDepth, read_png, write_png};
+pub use image_exr::{ExrDepth, ExrLayer, read_exr, write_exr, write_exr_layers};
+pub use ktx2::{Ktx2Format, read_ktx2, write_ktx2};
 pub use lift::{ChartTexels, Outside, lift};
 pub use observe::Observations;
 pub use stitch::{Hold, Mismatch, StitchOptions, StitchReport, stitch, vertex_readback};
