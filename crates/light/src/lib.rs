@@ -11,14 +11,20 @@
 //! | [`signal`] | what a signal is |
 //! | [`scale`] | what stored values mean: ranges, and a perceptual curve for light |
 //! | [`occlusion`] | ambient occlusion |
+//! | [`bent_normal`] | the direction in which a point is open |
+//! | [`inside`] | whether a point lies inside other geometry |
+//! | [`combined`] | several signals as one |
 //! | [`shadow`] | the shadow of a disk that shines |
 //! | [`estimates`] | means and variances, refined where asked |
 //! | [`analytic`] | occlusion in closed form |
 //! | `tree`, `traverse`, `lanes` | the wide tree, its walk, and eight numbers at once |
 
 pub mod analytic;
+pub mod bent_normal;
+pub mod combined;
 pub mod directions;
 pub mod estimates;
+pub mod inside;
 mod lanes;
 pub mod occlusion;
 pub mod origin;
@@ -29,8 +35,10 @@ pub mod tracer;
 mod traverse;
 mod tree;
 
+pub use bent_normal::BentNormal;
+pub use combined::Combined;
 pub use estimates::Estimates;
-pub use occlusion::AmbientOcclusion;
+pub use occlusion::{AmbientOcclusion, Falloff, Ground, OcclusionOptions};
 pub use origin::Origin;
 pub use scale::{Curve, Scale};
 pub use shadow::{Disk, Shadow};
