@@ -140,6 +140,20 @@ pub enum SceneError {
     /// Light that does not belong to this scene, or a path that cannot be written to.
     #[error("{what}: {count}, expected {expected}")]
     Light { what: &'static str, count: usize, expected: usize, place: Box<Place> },
+    /// A material variant was asked for that the file does not have.
+    #[error("variant \"{name}\" was asked for, but the file has {}", listed(names))]
+    NoVariant { name: String, names: Vec<String>, place: Box<Place> },
+    /// A pattern that matches no part.
+    #[error("no node with triangles, and no node above one, is called {pattern}")]
+    NoMatch { pattern: String, place: Box<Place> },
+    /// An environment that is no image, or none that is read.
+    #[error("not an environment map: {reason}")]
+    Environment { reason: String, place: Box<Place> },
+    /// A pixel of an environment that is no light.
+    #[error(
+        "pixel ({x}, {y}) of the environment, counted from 0 at the top left, is {value:?}, not finite and at least 0"
+    )]
+    EnvironmentPixel { x: usize, y: usize, value: [f32; 3], place: Box<Place> },
     /// An output path without `.glb` or `.gltf`.
     #[error("{path} ends neither in .glb nor in .gltf", path = path.display())]
     OutputName { path: PathBuf, place: Box<Place> },
@@ -167,6 +181,10 @@ macro_rules! every_place {
             | SceneError::Codec { place, .. }
             | SceneError::TooLarge { place, .. }
             | SceneError::Light { place, .. }
+            | SceneError::NoVariant { place, .. }
+            | SceneError::NoMatch { place, .. }
+            | SceneError::Environment { place, .. }
+            | SceneError::EnvironmentPixel { place, .. }
             | SceneError::OutputName { place, .. } => place,
         }
     };
@@ -207,9 +225,20 @@ impl SceneError {
             Self::Codec { .. } => "compress the file again, or pass the uncompressed one",
             Self::TooLarge { .. } => "split the scene into several files",
             Self::Light { .. } => "bake the scene that is written, not another one",
+            Self::NoVariant { .. } => "name one of the file's variants, or none",
+            Self::NoMatch { .. } => {
+                "look for the name in the program that exported the file; * stands for any characters"
+            }
+            Self::Environment { .. } => "pass a latitude-longitude image, Radiance .hdr or OpenEXR",
+            Self::EnvironmentPixel { .. } => "repair or clamp the pixel in an image editor",
             Self::OutputName { .. } => "name the output .glb or .gltf",
         }
     }
+}
+
+/// Names for a sentence.
+fn listed(names: &[String]) -> String {
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
 /// Shorthands that leave the place to be filled in by the callers.

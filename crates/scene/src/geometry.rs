@@ -1,7 +1,6 @@
 //! Pools of vertices: the primitives of a mesh that share all their attributes, as triangles in local space.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use glam::Vec3;
 use serde_json::Value;
@@ -9,13 +8,17 @@ use serde_json::Value;
 use crate::accessor::{Component, Elements};
 use crate::document::{Document, index, integer, list, name, whole};
 use crate::error::{Place, SceneError, Warnings, reference, value};
+use crate::lookup::{Attributes, Lookup};
 use crate::material::Material;
+use crate::scene::ReadOptions;
+use crate::variants::material_of;
 
-/// What is needed to look up a primitive's coverage, per glTF vertex of its pool.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct AlphaSource {
-    pub uv: Option<Arc<Vec<[f32; 2]>>>,
-    pub alpha: Option<Arc<Vec<f32>>>,
+/// What pools are read from, and how.
+pub(crate) struct Source<'a> {
+    pub document: &'a Document,
+    pub materials: &'a [Material],
+    pub variant: Option<usize>,
+    pub options: &'a ReadOptions,
 }
 
 /// A pool in the space of its mesh.
@@ -23,7 +26,7 @@ pub(crate) struct AlphaSource {
 pub(crate) struct LocalPool {
     pub primitives: Vec<usize>,
     pub materials: Vec<Option<usize>>,
-    pub alpha: Vec<AlphaSource>,
+    pub lookups: Vec<Lookup>,
     pub positions: Vec<Vec3>,
     pub normals: Option<Vec<Vec3>>,
     /// glTF vertices of the pool, in the winding of the file.
@@ -106,46 +109,38 @@ fn pool_key(primitive: &Value) -> String {
 
 /// Reads the pools of a mesh.
 pub(crate) fn read_pools(
-    document: &Document,
+    source: &Source<'_>,
     mesh: usize,
-    materials: &[Material],
-    max_triangles: usize,
+    attributes: &mut Attributes,
     warnings: &mut Warnings,
 ) -> Result<Vec<LocalPool>, SceneError> {
-    let json = &document.list("meshes")[mesh];
+    let json = &source.document.list("meshes")[mesh];
     let mut pools: Vec<LocalPool> = Vec::new();
     let mut pool_of: BTreeMap<String, usize> = BTreeMap::new();
     for (number, primitive) in list(json, "primitives").iter().enumerate() {
-        let place = primitive_place(document, mesh, number);
-        read_primitive(
-            document,
-            primitive,
-            number,
-            materials,
-            max_triangles,
-            (&mut pools, &mut pool_of),
-            warnings,
-        )
-        .map_err(|e| {
-            e.at(|p| {
-                let (accessor, attribute) = (p.accessor, p.attribute.take());
-                *p = Place { accessor, attribute, ..place };
-            })
-        })?;
+        let place = primitive_place(source.document, mesh, number);
+        read_primitive(source, primitive, number, (&mut pools, &mut pool_of), attributes, warnings).map_err(
+            |e| {
+                e.at(|p| {
+                    let (accessor, attribute) = (p.accessor, p.attribute.take());
+                    *p = Place { accessor, attribute, ..place };
+                })
+            },
+        )?;
     }
     // Triangles stand in the order of their primitives already: primitives are read in order.
     Ok(pools)
 }
 
 fn read_primitive(
-    document: &Document,
+    source: &Source<'_>,
     primitive: &Value,
     number: usize,
-    materials: &[Material],
-    max_triangles: usize,
     (pools, pool_of): (&mut Vec<LocalPool>, &mut BTreeMap<String, usize>),
+    attributes: &mut Attributes,
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
+    let document = source.document;
     let Some(mode) = triangle_mode(primitive)? else { return Ok(()) };
     let Some(position) = attribute(document, primitive, "POSITION")? else {
         let place = Place { primitive: Some(number), ..Place::default() };
@@ -158,15 +153,13 @@ fn read_primitive(
         Some(pool) => pools[pool].positions.len(),
         None => open(document, position, "POSITION", 3..=3, None)?.count(),
     };
-    let corners = read_corners(document, primitive, mode, vertices, max_triangles, warnings)?;
+    let corners = read_corners(document, primitive, mode, vertices, source.options.max_triangles, warnings)?;
     if corners.is_empty() {
         return Ok(());
     }
-    let material = index(primitive, "material", materials.len())?;
-    let source = match material.map(|m| &materials[m]) {
-        Some(m) if m.is_translucent() => alpha_source(document, primitive, m, vertices)?,
-        _ => AlphaSource::default(),
-    };
+    let material = material_of(document, primitive, source.variant)?;
+    let shown = material.map(|m| &source.materials[m]);
+    let lookup = attributes.lookup(document, primitive, shown, vertices, source.options.surfaces)?;
     let at = match known {
         Some(at) => at,
         None => {
@@ -179,7 +172,7 @@ fn read_primitive(
     let local = pool.primitives.len() as u32;
     pool.primitives.push(number);
     pool.materials.push(material);
-    pool.alpha.push(source);
+    pool.lookups.push(lookup);
     pool.triangle_primitives.resize(pool.corners.len() + corners.len(), local);
     pool.corners.extend(corners);
     Ok(())
@@ -237,7 +230,7 @@ fn read_vertices(document: &Document, primitive: &Value, position: usize) -> Res
     Ok(LocalPool {
         primitives: Vec::new(),
         materials: Vec::new(),
-        alpha: Vec::new(),
+        lookups: Vec::new(),
         positions: values,
         normals,
         corners: Vec::new(),
@@ -304,29 +297,4 @@ pub(crate) fn read_corners(
             Ok([vertex(a)?, vertex(b)?, vertex(c)?])
         })
         .collect()
-}
-
-fn alpha_source(
-    document: &Document,
-    primitive: &Value,
-    material: &Material,
-    vertices: usize,
-) -> Result<AlphaSource, SceneError> {
-    let mut source = AlphaSource::default();
-    if let Some(texture) = &material.texture {
-        let semantic = format!("TEXCOORD_{}", texture.mapping.set);
-        if let Some(accessor) = attribute(document, primitive, &semantic)? {
-            let elements = open(document, accessor, &semantic, 2..=2, Some(vertices))?;
-            source.uv = Some(Arc::new((0..vertices).map(|v| elements.floats(v)).collect()));
-        }
-    }
-    if let Some(accessor) = attribute(document, primitive, "COLOR_0")? {
-        let elements = open(document, accessor, "COLOR_0", 3..=4, Some(vertices))?;
-        if elements.layout.width == 4 {
-            let alpha =
-                |v| Some(elements.f32(v, 3)).filter(|a| a.is_finite()).map_or(1.0, |a| a.clamp(0.0, 1.0));
-            source.alpha = Some(Arc::new((0..vertices).map(alpha).collect()));
-        }
-    }
-    Ok(source)
 }

@@ -11,7 +11,11 @@
 //! | `container`, `uri`, `document` | GLB chunks, files and data URIs, views into the JSON |
 //! | `accessor`, `meshopt`, `draco` | elements of buffers, compressed or not |
 //! | `nodes`, `instances`, `pose` | the node graph, GPU instances, skins and morph targets at rest |
-//! | `geometry`, `material` | pools of vertices as triangles; coverage |
+//! | `geometry`, `lookup` | pools of vertices as triangles; texture coordinates and vertex colors |
+//! | `material`, `images`, `variants` | materials with their images |
+//! | `surface` | what a point reflects, emits and lets through |
+//! | `lights`, `environment` | punctual lights, environment maps |
+//! | `roles` | who casts and receives; parts chosen by name |
 //! | `texture` | textures as signals |
 //! | `footprint` | bytes of vertices, sizes of images |
 //! | `names` | names of parts, files and kinds of errors |
@@ -25,12 +29,16 @@ mod assemble;
 mod container;
 mod document;
 mod draco;
+mod environment;
 mod error;
 mod footprint;
 mod garbage;
 mod geometry;
+mod images;
 mod instances;
 mod lightmap;
+mod lights;
+mod lookup;
 mod material;
 mod meshopt;
 mod names;
@@ -39,21 +47,28 @@ mod output;
 mod pools;
 mod pose;
 mod replace;
+mod roles;
 mod scene;
 mod split;
+mod surface;
 mod texture;
 mod undo;
 mod uri;
+mod variants;
 mod write;
 
+pub use environment::{Environment, decode_environment, read_environment};
 pub use error::{Place, SceneError, Warning};
 pub use footprint::ImageSize;
 pub use lightmap::{
     ATTRIBUTE, EXTENSION, LayerRead, LightImage, Lightmap, ORIGINAL_COLOR, VERSION, attribute_name,
 };
+pub use lights::{LightKind, PunctualLight};
 pub use material::{AlphaMode, Material};
 pub use names::ErrorKind;
-pub use scene::{Part, PartLight, ReadOptions, Scene, TriangleFlags};
+pub use roles::Roles;
+pub use scene::{Glass, Part, PartLight, ReadOptions, Scene, TriangleFlags};
+pub use surface::{EmissiveTriangle, MAX_ALBEDO};
 pub use texture::{Slot, Textures};
 pub use write::{
     BakedLight, ExtensionInfo, Fallback, LayerFiles, LayerWritten, PartWritten, Written, WrittenFile, write,

@@ -26,7 +26,10 @@ impl SceneError {
     pub fn kind(&self) -> ErrorKind {
         match self {
             Self::Io { .. } => ErrorKind::Files,
-            Self::OutputName { .. } | Self::NoScene { .. } => ErrorKind::Request,
+            Self::OutputName { .. }
+            | Self::NoScene { .. }
+            | Self::NoVariant { .. }
+            | Self::NoMatch { .. } => ErrorKind::Request,
             Self::Unsupported { .. } => ErrorKind::Unsupported,
             _ => ErrorKind::Invalid,
         }

@@ -13,6 +13,12 @@ pub(crate) struct Nodes {
     pub world: Vec<DMat4>,
     /// Nodes of the scene, parents first, in the order of the file.
     pub visited: Vec<usize>,
+    /// The node above, per node.
+    pub parent: Vec<Option<usize>>,
+    /// Whether an animation moves the node or one above, per node.
+    pub moves: Vec<bool>,
+    /// Whether an animation morphs the node's mesh, per node.
+    pub morphs: Vec<bool>,
 }
 
 /// The place of a node.
@@ -58,7 +64,7 @@ impl Nodes {
         let order =
             parents_first(&parent).map_err(|node| at(node)(SceneError::Cycle { place: Box::default() }))?;
         let mut world = vec![DMat4::IDENTITY; nodes.len()];
-        for node in order {
+        for &node in &order {
             let local = local_transform(&nodes[node]).map_err(at(node))?;
             world[node] = parent[node].map_or(local, |p: usize| world[p] * local);
         }
@@ -96,8 +102,20 @@ impl Nodes {
             visited.push(node);
             stack.extend(below[node].iter().rev());
         }
-        warn_of_animation(document, &parent, &visited, warnings);
-        Ok(Self { world, visited })
+        let [mut moves, morphs] = animated(document);
+        for node in order {
+            moves[node] |= parent[node].is_some_and(|p| moves[p]);
+        }
+        let moving: Vec<usize> = visited
+            .iter()
+            .copied()
+            .filter(|&n| (moves[n] || morphs[n]) && nodes[n].get("mesh").is_some())
+            .collect();
+        if let Some(&node) = moving.first() {
+            let message = "animated nodes are baked where they stand";
+            warnings.add(message, moving.len(), place_of(document, node));
+        }
+        Ok(Self { world, visited, parent, moves, morphs })
     }
 }
 
@@ -145,34 +163,35 @@ pub(crate) fn transform(translation: DVec3, rotation: DQuat, scale: DVec3) -> DM
     DMat4::from_scale_rotation_translation(scale, rotation, translation)
 }
 
-/// Nodes that animations move, with all below them, are baked where they stand.
-fn warn_of_animation(
-    document: &Document,
-    parent: &[Option<usize>],
-    visited: &[usize],
-    warnings: &mut Warnings,
-) {
-    let nodes = document.list("nodes");
-    let mut moved = vec![false; nodes.len()];
+/// Nodes whose transform an animation changes, and nodes whose morph weights one changes.
+fn animated(document: &Document) -> [Vec<bool>; 2] {
+    let count = document.list("nodes").len();
+    let mut out = [vec![false; count], vec![false; count]];
     for animation in document.list("animations") {
         for channel in list(animation, "channels") {
-            let target = channel.get("target").and_then(|t| t.get("node")).and_then(whole);
-            if let Some(flag) = target.and_then(|n| moved.get_mut(n as usize)) {
+            let Some(target) = channel.get("target") else { continue };
+            let (node, path) = match extension(target, "KHR_animation_pointer") {
+                // "/nodes/3/translation"
+                Some(pointer) => {
+                    let text = pointer.get("pointer").and_then(Value::as_str).unwrap_or("");
+                    let mut steps = text.strip_prefix("/nodes/").unwrap_or("").split('/');
+                    let node = steps.next().and_then(|n| n.parse().ok());
+                    (node, steps.next().unwrap_or(""))
+                }
+                None => (
+                    target.get("node").and_then(whole),
+                    target.get("path").and_then(Value::as_str).unwrap_or(""),
+                ),
+            };
+            let changed = match path {
+                "weights" => 1,
+                "translation" | "rotation" | "scale" | "matrix" => 0,
+                _ => continue,
+            };
+            if let Some(flag) = node.and_then(|n: u64| out[changed].get_mut(n as usize)) {
                 *flag = true;
             }
         }
     }
-    // Parents come first in `visited`, so one pass carries the flag down.
-    let mut first = None;
-    let mut count = 0;
-    for &node in visited {
-        moved[node] |= parent[node].is_some_and(|p| moved[p]);
-        if moved[node] && nodes[node].get("mesh").is_some() {
-            count += 1;
-            first = first.or(Some(node));
-        }
-    }
-    if let Some(node) = first {
-        warnings.add("animated nodes are baked where they stand", count, place_of(document, node));
-    }
+    out
 }

@@ -18,7 +18,11 @@ pub(crate) struct Posed {
 }
 
 /// The joints of a skin.
-pub(crate) struct Skin(Vec<DMat4>);
+pub(crate) struct Skin {
+    matrices: Vec<DMat4>,
+    /// Whether an animation moves one of them.
+    pub moves: bool,
+}
 
 /// What carries normals: the matrix of cofactors, which is the inverse transpose up to a positive factor, and
 /// exists for singular matrices too.
@@ -56,7 +60,8 @@ pub(crate) fn read_skin(document: &Document, skin: usize, nodes: &Nodes) -> Resu
             .map_or(DMat4::IDENTITY, |e| DMat4::from_cols_array(&e.floats::<16>(i).map(f64::from)));
         nodes.world[joint] * bind
     };
-    Ok(Skin(joints.iter().enumerate().map(matrix).collect()))
+    let moves = joints.iter().any(|&j| nodes.moves[j]);
+    Ok(Skin { matrices: joints.iter().enumerate().map(matrix).collect(), moves })
 }
 
 /// Poses a pool as one node (or instance) shows it.
@@ -160,8 +165,8 @@ fn skinned(
                     continue;
                 }
                 let joint = joint_values.u32(v, k) as usize;
-                let matrix = skin.0.get(joint).ok_or_else(|| {
-                    reference("a joint", joint as u64, skin.0.len()).at(|p| p.accessor = Some(joints))
+                let matrix = skin.matrices.get(joint).ok_or_else(|| {
+                    reference("a joint", joint as u64, skin.matrices.len()).at(|p| p.accessor = Some(joints))
                 })?;
                 for (sum, m) in blended[v].iter_mut().zip(matrix.to_cols_array()) {
                     *sum += weight * m;

@@ -10,13 +10,17 @@ use serde_json::Value;
 use crate::document::{Document, MESHOPT, index, list};
 use crate::draco::{self, DRACO};
 use crate::error::{Place, SceneError, Warning, Warnings, value};
-use crate::geometry::{AlphaSource, LocalPool, read_pools};
+use crate::geometry::{LocalPool, Source, read_pools};
 use crate::instances::INSTANCING;
 use crate::lightmap;
+use crate::lights::{PunctualLight, read_lights};
+use crate::lookup::{Attributes, Lookup};
 use crate::material::{Material, read_materials};
 use crate::nodes::{Nodes, place_of};
 use crate::pose::{Posed, placements, pose, read_skin};
+use crate::roles::{Roles, node_roles, read_roles};
 use crate::undo::undo;
+use crate::variants;
 
 /// How to read.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,12 +29,30 @@ pub struct ReadOptions {
     pub scene: Option<usize>,
     /// More triangles than this, all instances counted, are refused before they are allocated.
     pub max_triangles: usize,
+    /// Whether textures and vertex colors are read for [`Scene::triangle_albedo`], [`Scene::triangle_emission`] and
+    /// [`Scene::triangle_transmission`], which takes time and memory; without, these know factors alone.
+    /// Lights that make no sense are errors with it, and are left out without.
+    pub surfaces: bool,
+    /// What KHR_materials_transmission does.
+    pub glass: Glass,
+    /// The variant (KHR_materials_variants) whose materials are shown, by its name; `None` takes the primitives' own.
+    pub variant: Option<String>,
 }
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { scene: None, max_triangles: 1 << 28 }
+        Self { scene: None, max_triangles: 1 << 28, surfaces: false, glass: Glass::Tinted, variant: None }
     }
+}
+
+/// What light does at surfaces with KHR_materials_transmission.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Glass {
+    /// It passes straight through, tinted by the base color: the windows of a car cast no black shadows.
+    #[default]
+    Tinted,
+    /// It is stopped: transmission is taken as 0, for ambient occlusion as well. Holes stay holes.
+    Opaque,
 }
 
 /// A read scene. It keeps the file, so that [`crate::write`] can put light into it and leave the rest alone.
@@ -40,6 +62,8 @@ pub struct Scene {
     pub parts: Vec<Part>,
     /// The materials of the file, in its order.
     pub materials: Vec<Material>,
+    /// The punctual lights of the nodes that are drawn, in the order in which the node graph visits them.
+    pub lights: Vec<PunctualLight>,
     /// What was read otherwise than the file says, counted.
     pub warnings: Vec<Warning>,
     pub(crate) document: Document,
@@ -83,7 +107,11 @@ pub(crate) struct PartSource {
     /// Whether the part's winding is that of the file turned round.
     pub mirrored: bool,
     /// Per primitive.
-    pub alpha: Vec<AlphaSource>,
+    pub lookups: Vec<Lookup>,
+    /// Per primitive.
+    pub roles: Vec<Roles>,
+    /// Whether an animation moves it.
+    pub moves: bool,
 }
 
 /// What a ray needs to know of a triangle before it looks closer.
@@ -138,6 +166,7 @@ impl Scene {
         if undo(&mut document.root) {
             warnings.add("the light of an earlier bake is replaced", 1, Place::default());
         }
+        let variant = variants::find(&document, options.variant.as_deref())?;
         let nodes = Nodes::read(&document, options.scene, &mut warnings)?;
         let meshes = document.list("meshes").len();
         let mut drawn = Vec::new();
@@ -153,15 +182,21 @@ impl Scene {
         }
         let used: Vec<bool> = uses.iter().map(|&n| n > 0).collect();
         draco::decode_all(&mut document, &used)?;
-        let materials = read_materials(&document, &mut warnings)?;
+        let shown = variants::used_materials(&document, &used, variant);
+        let materials = read_materials(&document, &shown, options, &mut warnings)?;
+        let lights = read_lights(&document, &nodes, options.surfaces, &mut warnings)?;
+        let node_roles = node_roles(&document, &nodes.visited, &nodes.parent, &mut warnings)?;
+        let mesh_roles = read_roles(&document, "meshes", &mut warnings)?;
+        let material_roles = read_roles(&document, "materials", &mut warnings)?;
         let mut reader = Reader {
             document: &document,
-            materials: &materials,
+            source: Source { document: &document, materials: &materials, variant, options },
             nodes: &nodes,
+            roles: [node_roles, mesh_roles, material_roles],
             uses,
             pools: BTreeMap::new(),
+            attributes: Attributes::default(),
             triangles: 0,
-            max_triangles: options.max_triangles,
             parts: Vec::new(),
             sources: Vec::new(),
             warnings,
@@ -175,31 +210,7 @@ impl Scene {
             })?;
         }
         let Reader { parts, sources, warnings, .. } = reader;
-        Ok(Self { parts, materials, warnings: warnings.0, document, baked: before, sources })
-    }
-
-    /// Coverage of a point of a triangle, 0..=1: alpha of MASK and BLEND materials times what transmission lets
-    /// through; 1 for opaque ones.
-    ///
-    /// - `barycentric`: weights of the second and third corner
-    ///
-    /// Deviation: transmission textures and texture levels below the finest are not looked at.
-    pub fn triangle_opacity(&self, part: usize, triangle: usize, barycentric: [f32; 2]) -> f32 {
-        let primitive = self.parts[part].triangle_primitives[triangle] as usize;
-        let Some(material) = self.parts[part].primitive_materials[primitive].map(|m| &self.materials[m])
-        else {
-            return 1.0;
-        };
-        if !material.is_translucent() {
-            return 1.0;
-        }
-        let alpha = &self.sources[part].alpha[primitive];
-        let [a, b, c] = self.gltf_corners(part, triangle).map(|v| v as usize);
-        let [v, w] = barycentric;
-        let u = 1.0 - v - w;
-        let uv = alpha.uv.as_ref().map(|uv| [0, 1].map(|k| u * uv[a][k] + v * uv[b][k] + w * uv[c][k]));
-        let vertex_alpha = alpha.alpha.as_ref().map_or(1.0, |x| u * x[a] + v * x[b] + w * x[c]);
-        material.coverage(uv, vertex_alpha)
+        Ok(Self { parts, materials, lights, warnings: warnings.0, document, baked: before, sources })
     }
 
     /// Whether a triangle may let light through, and whether its back is drawn.
@@ -260,13 +271,15 @@ fn check_required(root: &Value) -> Result<(), SceneError> {
 /// The state of reading parts.
 struct Reader<'a> {
     document: &'a Document,
-    materials: &'a [Material],
+    source: Source<'a>,
     nodes: &'a Nodes,
+    /// Of nodes, meshes and materials.
+    roles: [Vec<Roles>; 3],
     /// How often each mesh is still to be read.
     uses: Vec<usize>,
     pools: BTreeMap<usize, Rc<Vec<LocalPool>>>,
+    attributes: Attributes,
     triangles: usize,
-    max_triangles: usize,
     parts: Vec<Part>,
     sources: Vec<PartSource>,
     warnings: Warnings,
@@ -276,13 +289,7 @@ impl Reader<'_> {
     fn node(&mut self, node: usize, mesh: usize) -> Result<(), SceneError> {
         let pools = match self.pools.remove(&mesh) {
             Some(pools) => pools,
-            None => Rc::new(read_pools(
-                self.document,
-                mesh,
-                self.materials,
-                self.max_triangles,
-                &mut self.warnings,
-            )?),
+            None => Rc::new(read_pools(&self.source, mesh, &mut self.attributes, &mut self.warnings)?),
         };
         self.uses[mesh] -= 1;
         if self.uses[mesh] > 0 {
@@ -297,14 +304,16 @@ impl Reader<'_> {
             }
             None => None,
         };
+        let moves = skin.as_ref().map_or(self.nodes.moves[node], |s| s.moves) || self.nodes.morphs[node];
         for (instance, world) in placements(self.document, json, self.nodes.world[node])? {
             for pool in pools.iter() {
                 self.triangles += pool.corners.len();
-                if self.triangles > self.max_triangles {
+                let limit = self.source.options.max_triangles;
+                if self.triangles > limit {
                     return Err(SceneError::TooLarge {
                         what: "triangles, instances counted",
                         count: self.triangles as u64,
-                        limit: self.max_triangles as u64,
+                        limit: limit as u64,
                         place: Box::default(),
                     });
                 }
@@ -318,13 +327,20 @@ impl Reader<'_> {
                                     (named.mesh, named.mesh_name, named.primitive);
                             })
                         })?;
-                self.part(node, mesh, instance, pool, posed);
+                self.part([node, mesh], instance, pool, posed, moves);
             }
         }
         Ok(())
     }
 
-    fn part(&mut self, node: usize, mesh: usize, instance: Option<u32>, pool: &LocalPool, posed: Posed) {
+    fn part(
+        &mut self,
+        [node, mesh]: [usize; 2],
+        instance: Option<u32>,
+        pool: &LocalPool,
+        posed: Posed,
+        moves: bool,
+    ) {
         let mirrored = posed.mirrored;
         let turn = |[a, b, c]: [u32; 3]| if mirrored { [a, c, b] } else { [a, b, c] };
         let corners: Vec<[u32; 3]> = pool.corners.iter().map(|&t| turn(t)).collect();
@@ -356,7 +372,13 @@ impl Reader<'_> {
                 Some(corners)
             }
         };
-        self.sources.push(PartSource { corners, vertices, mirrored, alpha: pool.alpha.clone() });
+        let [node_roles, mesh_roles, material_roles] = &self.roles;
+        let roles = |m: &Option<usize>| {
+            node_roles[node].and(mesh_roles[mesh]).and(m.map_or(Roles::BOTH, |m| material_roles[m]))
+        };
+        let roles = pool.materials.iter().map(roles).collect();
+        let lookups = pool.lookups.clone();
+        self.sources.push(PartSource { corners, vertices, mirrored, lookups, roles, moves });
         self.parts.push(part);
     }
 }

@@ -6,7 +6,7 @@
 //! Deviation: the filters that a sampler names are not looked at; vertex colors are not multiplied in.
 
 use std::collections::BTreeMap;
-use std::io::Cursor;
+use std::ops::{Add, Mul, Sub};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -15,6 +15,8 @@ use serde_json::Value;
 use crate::document::{Document, extension, index, integer, list, number, numbers};
 use crate::error::{Place, SceneError, codec, value};
 use crate::geometry::{attribute, open};
+use crate::images::decode;
+use crate::material::base_color;
 use crate::scene::Scene;
 
 /// What lies outside of an image.
@@ -58,8 +60,11 @@ pub(crate) struct Cell {
 
 impl Cell {
     /// Bilinear interpolation; `texel` takes column and row.
-    pub fn mix(&self, texel: impl Fn(usize, usize) -> f32) -> f32 {
-        let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
+    pub fn mix<T>(&self, texel: impl Fn(usize, usize) -> T) -> T
+    where
+        T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f32, Output = T>,
+    {
+        let mix = |a: T, b: T, t: f32| a + (b - a) * t;
         let row = |y: usize| mix(texel(self.columns[0], y), texel(self.columns[1], y), self.part[0]);
         mix(row(self.rows[0]), row(self.rows[1]), self.part[1])
     }
@@ -97,14 +102,20 @@ impl Mapping {
         Ok(mapping)
     }
 
-    /// The texels around a point of an image.
-    pub fn cell(&self, [u, v]: [f32; 2], size: [usize; 2]) -> Cell {
+    /// Where texture coordinates lie in an image that repeats for ever, in texels.
+    pub fn texel_position(&self, [u, v]: [f32; 2], size: [usize; 2]) -> [f32; 2] {
         let at = self.transform.map(|[a, b, c]| a * u + b * v + c);
+        [at[0] * size[0] as f32, at[1] * size[1] as f32]
+    }
+
+    /// The texels around a point of an image.
+    pub fn cell(&self, uv: [f32; 2], size: [usize; 2]) -> Cell {
+        let at = self.texel_position(uv, size);
         let mut pairs = [[0; 2]; 2];
         let mut part = [0.0_f32; 2];
         for k in 0..2 {
             // Huge coordinates have no texel precision left; the cast saturates.
-            let x = at[k] * size[k] as f32 - 0.5;
+            let x = at[k] - 0.5;
             let x = if x.is_finite() { x.clamp(-1e9, 1e9) } else { 0.0 };
             let first = x.floor() as i64;
             pairs[k] = [first, first + 1].map(|i| self.wrap[k].texel(i, size[k]));
@@ -130,18 +141,6 @@ pub(crate) fn texture_of<'a>(
         },
     };
     Ok(Some((texture, source)))
-}
-
-/// Decodes an image; `None` when it cannot be decoded.
-pub(crate) fn decode(bytes: &[u8]) -> Option<image::DynamicImage> {
-    let mut reader = image::ImageReader::new(Cursor::new(bytes)).with_guessed_format().ok()?;
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(32768);
-    limits.max_image_height = Some(32768);
-    limits.max_alloc = Some(1 << 30);
-    reader.limits(limits);
-    let decoded = reader.decode().ok()?;
-    (decoded.width() > 0 && decoded.height() > 0).then_some(decoded)
 }
 
 /// Which texture of a material.
@@ -211,7 +210,7 @@ impl Image {
 }
 
 /// The linear value of an sRGB one (IEC 61966-2-1).
-fn linear(encoded: f32) -> f32 {
+pub(crate) fn linear(encoded: f32) -> f32 {
     if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
@@ -284,10 +283,8 @@ impl Slot {
     fn of(self, material: &Value) -> (Option<&Value>, [f32; 3], [f32; 3]) {
         match self {
             Self::BaseColor => {
-                let pbr = material.get("pbrMetallicRoughness");
-                let factor = pbr.and_then(|p| numbers::<4>(p, "baseColorFactor").ok().flatten());
-                let factor = factor.map_or([1.0; 3], |f| [0, 1, 2].map(|c| f[c] as f32));
-                (pbr.and_then(|p| p.get("baseColorTexture")), [0.0; 3], factor)
+                let ([r, g, b, _], info) = base_color(material);
+                (info, [0.0; 3], [r, g, b])
             }
             Self::Occlusion => {
                 let info = material.get("occlusionTexture");
