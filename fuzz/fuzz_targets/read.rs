@@ -17,5 +17,6 @@ fuzz_target!(|bytes: &[u8]| {
             }
         }
         let _ = scene.read_lightmap();
+        let _ = scene.read_fallback();
     }
 });

@@ -128,7 +128,8 @@ impl Patch<'_> {
         };
         let buffers = self.document.list("buffers").iter().enumerate();
         let buffers = buffers.filter_map(move |(i, b)| Some((Some(i), relative(b)?)));
-        buffers.chain(self.document.list("images").iter().filter_map(move |i| Some((None, relative(i)?))))
+        let images = &list(&self.root, "images")[..self.kept_images];
+        buffers.chain(images.iter().filter_map(move |i| Some((None, relative(i)?))))
     }
 
     /// Copies what the scene refers to beside the output, where it is not there yet.

@@ -1,11 +1,11 @@
-//! Dropping what a write leaves unused: accessors, buffer views, and their bytes.
+//! Dropping what a write leaves unused: accessors, buffer views and their bytes; textures, images and samplers.
 //!
 //! Only objects that the file used before and no longer uses are dropped, and only when no extension is
 //! present that might refer to accessors or views in a way unknown here.
 
 use serde_json::Value;
 
-use crate::document::{MESHOPT, array, extension, list, whole};
+use crate::document::{MESHOPT, array, extension, list, object, whole};
 use crate::draco::DRACO;
 use crate::instances::INSTANCING;
 
@@ -67,6 +67,36 @@ fn views(root: &mut Value, f: Visit<'_>) {
     });
 }
 
+/// Visits every number that names a texture: the `index` of objects in materials and their extensions.
+fn textures(root: &mut Value, f: Visit<'_>) {
+    fn infos(json: &mut Value, f: Visit<'_>) {
+        one(json, &["index"], f);
+        match json {
+            Value::Object(object) => object.values_mut().for_each(|v| infos(v, f)),
+            Value::Array(items) => items.iter_mut().for_each(|v| infos(v, f)),
+            _ => {}
+        }
+    }
+    each(root, "materials", &mut |material| {
+        for (_, v) in material.as_object_mut().into_iter().flatten().filter(|(key, _)| *key != "extras") {
+            infos(v, f);
+        }
+    });
+}
+
+/// Visits every number that names an image.
+fn images(root: &mut Value, f: Visit<'_>) {
+    each(root, "textures", &mut |texture| {
+        one(texture, &["source"], f);
+        values(texture, &["extensions"], &mut |extension| one(extension, &["source"], f));
+    });
+}
+
+/// Visits every number that names a sampler.
+fn samplers(root: &mut Value, f: Visit<'_>) {
+    each(root, "textures", &mut |texture| one(texture, &["sampler"], f));
+}
+
 type Walk = fn(&mut Value, Visit<'_>);
 
 fn used(root: &mut Value, key: &str, walk: Walk) -> Vec<bool> {
@@ -81,7 +111,7 @@ fn used(root: &mut Value, key: &str, walk: Walk) -> Vec<bool> {
 
 /// Whether all extensions are known not to refer to accessors and views by themselves.
 fn is_safe(root: &Value) -> bool {
-    const SAFE: [&str; 17] = [
+    const SAFE: [&str; 18] = [
         "KHR_materials_",
         "KHR_texture_",
         "EXT_texture_",
@@ -95,6 +125,7 @@ fn is_safe(root: &Value) -> bool {
         "KHR_meshopt_compression",
         "LIGHTKILN_lightmap",
         "MOZ_lightmap",
+        "EXT_lightmap",
         "MSFT_lod",
         "EXT_mesh_manifold_none",
         "FB_materials_modmap",
@@ -131,6 +162,21 @@ pub(crate) struct Dropped {
     pub cuts: Vec<(u64, u64)>,
     /// Bytes that are no longer used but stay.
     pub wasted: u64,
+}
+
+/// Drops textures, images and samplers that `before` uses and `after` does not, unless an extension might.
+pub(crate) fn collect_textures(before: &Value, after: &mut Value) {
+    let mut before = before.clone();
+    if !is_safe(after) {
+        return;
+    }
+    let walks: [(&str, Walk); 3] = [("textures", textures), ("images", images), ("samplers", samplers)];
+    for (key, walk) in walks {
+        let was = used(&mut before, key, walk);
+        let now = used(after, key, walk);
+        let dead: Vec<bool> = was.iter().zip(&now).map(|(was, now)| *was && !now).collect();
+        remove(after, key, &dead, walk);
+    }
 }
 
 /// Drops what `before` uses and `after` does not; `main` is the buffer that will be rewritten, of `length` bytes.
@@ -204,10 +250,14 @@ fn remove(root: &mut Value, key: &str, dead: &[bool], walk: Walk) {
         }
     });
     let mut i = 0;
-    array(root, key).retain(|_| {
+    let items = array(root, key);
+    items.retain(|_| {
         i += 1;
         !dead[i - 1]
     });
+    if items.is_empty() {
+        object(root).shift_remove(key);
+    }
 }
 
 /// `gone` without `kept`: disjoint, ascending.

@@ -3,17 +3,20 @@
 use serde_json::Value;
 
 use crate::document::{array, object};
+use crate::garbage;
 use crate::texture::Slot;
 use crate::undo::remove_extension;
 
 /// Extensions of materials that hold a lightmap.
 const LIGHTMAPS: [&str; 2] = ["MOZ_lightmap", "EXT_lightmap"];
 
-/// Removes the textures of some slots from all materials, and extensions that are not used any more from their lists.
+/// Removes the textures of some slots from all materials, and with them what nothing else uses: images, samplers, and
+/// extensions from their lists.
 pub(crate) fn remove_slots(root: &mut Value, slots: &[Slot]) {
     if slots.is_empty() || root.get("materials").is_none() {
         return;
     }
+    let before = root.clone();
     for material in array(root, "materials") {
         for slot in slots {
             remove_slot(material, *slot);
@@ -30,6 +33,7 @@ pub(crate) fn remove_slots(root: &mut Value, slots: &[Slot]) {
             }
         }
     }
+    garbage::collect_textures(&before, root);
 }
 
 fn remove_slot(material: &mut Value, slot: Slot) {

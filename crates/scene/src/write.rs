@@ -163,7 +163,6 @@ fn write_inner(scene: &Scene, light: &BakedLight, path: &Path) -> Result<Written
     };
     check_light(scene, &light.parts, light.layers.len(), light.fallback == Fallback::Color0)?;
     let mut patch = Patch::new(scene, light, glb)?;
-    remove_slots(&mut patch.root, &light.remove);
     patch.meshes()?;
     for part in 0..scene.parts.len() {
         patch.part(part).map_err(|e| {
@@ -198,6 +197,8 @@ pub(crate) struct Patch<'a> {
     /// The buffer that takes what is added.
     pub main: usize,
     pub root: Value,
+    /// Images of the asset; those of the light stand behind them.
+    pub kept_images: usize,
     /// The mesh that each part is written to.
     pub mesh_of: Vec<usize>,
     /// The instances of the node that was expanded last.
@@ -228,7 +229,9 @@ impl<'a> Patch<'a> {
                 place: Box::default(),
             });
         }
-        let root = document.root.clone();
+        let mut root = document.root.clone();
+        remove_slots(&mut root, &light.remove);
+        let kept_images = list(&root, "images").len();
         let first_view = list(&root, "bufferViews").len();
         Ok(Self {
             scene,
@@ -237,6 +240,7 @@ impl<'a> Patch<'a> {
             glb,
             main,
             root,
+            kept_images,
             mesh_of: Vec::new(),
             instances: None,
             views: Vec::new(),

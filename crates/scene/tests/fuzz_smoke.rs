@@ -5,8 +5,8 @@ mod common;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use common::{Folder, Gltf, glb, json_of, light, rich};
-use lightkiln_scene::{ReadOptions, Scene, write};
+use common::{Folder, Gltf, glb, json_of, light, rich, three_layers};
+use lightkiln_scene::{BakedLight, ReadOptions, Scene, Slot, write};
 use serde_json::{Value, json};
 
 struct Random(u64);
@@ -118,9 +118,11 @@ fn exercise(bytes: &[u8], folder: &Folder, deep: bool) -> bool {
         assert!(part.triangles.iter().flatten().all(|&v| (v as usize) < part.positions.len()));
     }
     let _ = scene.read_lightmap();
+    let _ = scene.read_fallback();
     if deep {
         let out = folder.0.join("out.glb");
-        if write(&scene, &light(&scene, true), &out).is_ok() {
+        let remove = vec![Slot::Lightmap, Slot::Occlusion];
+        if write(&scene, &BakedLight { remove, ..light(&scene, true) }, &out).is_ok() {
             let again = Scene::read(&out, &options).expect("what was written can be read");
             assert_eq!(again.parts.len(), scene.parts.len());
         }
@@ -130,12 +132,14 @@ fn exercise(bytes: &[u8], folder: &Folder, deep: bool) -> bool {
 
 fn seeds() -> Vec<Vec<u8>> {
     let mut out = vec![Gltf::quad().glb(), rich().glb()];
-    // A baked file: undoing it is code too.
+    // Baked files: undoing them is code too.
     let folder = Folder::new("fuzz-seed");
     let scene = rich().read().unwrap();
     let baked = folder.0.join("baked.glb");
-    write(&scene, &light(&scene, true), &baked).unwrap();
-    out.push(std::fs::read(&baked).unwrap());
+    for light in [light(&scene, true), three_layers(&scene)] {
+        write(&scene, &light, &baked).unwrap();
+        out.push(std::fs::read(&baked).unwrap());
+    }
     let scenes = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/scenes");
     for name in ["duck.draco.glb", "cornell_box_original.glb"] {
         match std::fs::read(scenes.join(name)) {

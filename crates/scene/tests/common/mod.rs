@@ -154,6 +154,19 @@ pub fn layer(signal: &str, channels: usize, pages: usize) -> LayerFiles {
     }
 }
 
+/// A scalar layer with two pages, an RGB layer with one, and one with a table and no page.
+pub fn three_layers(scene: &Scene) -> BakedLight {
+    let mut light = light(scene, true);
+    for (number, part) in light.parts.iter_mut().enumerate() {
+        // The first layer has a code per triangle, the second one per vertex, the third one in all.
+        part.corner_codes.push(codes(scene, number, |_, v| [v, 0x9000]));
+        part.corner_codes.push(codes(scene, number, |_, _| [7, 0x8000]));
+    }
+    let table = LayerFiles { table: Some(png(&image::RgbaImage::new(256, 1))), ..layer("direct", 3, 0) };
+    light.layers = vec![layer("ambientOcclusion", 1, 2), layer("irradiance", 3, 1), table];
+    light
+}
+
 /// A folder that goes away again.
 pub struct Folder(pub std::path::PathBuf);
 
