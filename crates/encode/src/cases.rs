@@ -5,7 +5,9 @@ use lightkiln_mesh::{TriangleId, VertexId};
 use proptest::prelude::*;
 
 use crate::testing::{Board, random_board};
-use crate::{EncodeError, LightCode, encode};
+use crate::{
+    AtlasView, Codes, EncodeError, EncodeReport, Form, LightCode, Texels, atlas_position, decode, encode,
+};
 
 fn kinds(codes: [LightCode; 3]) -> [bool; 3] {
     codes.map(LightCode::is_color)
@@ -287,6 +289,93 @@ fn encode_clamps_and_counts() {
     assert_eq!(codes.of_vertex(VertexId(2)), LightCode::color(1.0));
 }
 
+/// Encodes three channels: `values` per vertex, and an atlas whose channels are `shades` times the board's picture.
+fn encode_rgb(board: &Board, values: &[[f32; 3]], shades: [f32; 3]) -> (Codes, EncodeReport, Vec<Vec<f32>>) {
+    let atlas = board.atlas([64, 64]);
+    let pages: Vec<Vec<f32>> =
+        atlas.pages.iter().map(|page| page.iter().flat_map(|&v| shades.map(|s| s * v)).collect()).collect();
+    let view = view_rgb(&pages);
+    let (charts, packing) = (&atlas.charts, &atlas.packing);
+    let read = |chart: usize, vertex: usize, out: &mut [f32]| {
+        view.read(atlas_position(charts, packing, chart, vertex), out);
+    };
+    let (mesh, adjacency) = (&board.mesh, &board.adjacency);
+    let values = values.as_flattened();
+    let (codes, report) =
+        encode(mesh, adjacency, &board.is_texture(), charts, packing, values, 3, &read, None).expect("fits");
+    drop(view);
+    (codes, report, pages)
+}
+
+fn view_rgb(pages: &[Vec<f32>]) -> AtlasView<'_> {
+    AtlasView::new([64, 64], 3, pages.iter().map(|page| Texels::F32(page)).collect()).expect("whole pages")
+}
+
+/// A random board of textured and other triangles without notches.
+fn textured_board(seed: u64, n: u32, charts: u64, share: f64) -> Board {
+    let mut board = random_board(n, seed);
+    for t in board.mesh.triangle_ids() {
+        let hash = lightkiln_mesh::random::hash(seed, u64::from(t.0), 5, 5);
+        let textured = f64::from(lightkiln_mesh::random::unit(hash)) < share;
+        board.chart_of[t.index()] = textured.then_some((hash % charts) as u32);
+    }
+    // Every chart number is used, or a chart would be empty.
+    for chart in 0..charts as usize {
+        board.chart_of[chart] = Some(chart as u32);
+    }
+    fill_notches(&mut board);
+    board
+}
+
+#[test]
+fn encode_rgb_shows_its_channels() {
+    let board = textured_board(4, 8, 2, 0.12);
+    let values: Vec<[f32; 3]> = board.values.iter().map(|&v| [v, 1.0 - v, 0.25]).collect();
+    let (codes, report, pages) = encode_rgb(&board, &values, [1.0, 0.5, 0.0]);
+    assert!(report.plain > 0 && report.copies_at_chart_edges + report.copies_elsewhere > 0, "{report:?}");
+    let (grey, _) = board.encode(&board.atlas([64, 64])).expect("fits");
+    let view = view_rgb(&pages);
+    let (tabled, table) = codes.to_table(3, 0.01).expect("few colors");
+    for t in board.mesh.triangle_ids() {
+        let own = codes.of_triangle(&board.mesh, t);
+        // The same structure as one channel, and the same places.
+        for (code, grey) in own.iter().zip(grey.of_triangle(&board.mesh, t)) {
+            assert_eq!(code.position(), grey.position());
+        }
+        let (mut packed, mut from_table) = ([0.0; 3], [0.0; 3]);
+        decode(own, [0.2, 0.3], &view, &Form::packed(3), &mut packed);
+        decode(tabled.of_triangle(&board.mesh, t), [0.2, 0.3], &view, &Form::Table(&table), &mut from_table);
+        for c in 0..3 {
+            assert!((packed[c] - from_table[c]).abs() < 0.011, "{packed:?} {from_table:?}");
+        }
+        if own.iter().all(|code| code.is_color()) && board.chart_of[t.index()].is_none() {
+            let copied = own.iter().zip(board.mesh.triangles[t.index()]).any(|(code, v)| {
+                let rgb = code.rgb().expect("a color");
+                (rgb[0] - values[v.index()][0]).abs() > 1e-3
+            });
+            assert!(copied || (packed[0] + packed[1] - 1.0).abs() < 2e-3 && (packed[2] - 0.25).abs() < 1e-3);
+        }
+    }
+}
+
+#[test]
+fn encode_channels_are_one_to_three() {
+    let board = random_board(2, 1);
+    let atlas = board.atlas([64, 64]);
+    for (channels, count) in [(0, 0), (4, 4)] {
+        let values = vec![0.5; board.mesh.vertex_count() * count];
+        let (mesh, adjacency, is_texture) = (&board.mesh, &board.adjacency, board.is_texture());
+        let (charts, packing) = (&atlas.charts, &atlas.packing);
+        let error = encode(mesh, adjacency, &is_texture, charts, packing, &values, channels, &half, None);
+        assert_eq!(error.expect_err("a fault"), EncodeError::Channels { channels });
+    }
+    // A decoded layer of more channels than a code has is black there.
+    let mut out = [9.0; 4];
+    let none = AtlasView::new([0, 0], 1, vec![]).expect("empty");
+    decode([LightCode::color_rgb([1.0; 3]); 3], [0.2, 0.2], &none, &Form::Rgb, &mut out);
+    assert!(out[..3].iter().all(|v| (v - 1.0).abs() < 1e-6) && out[3] == 0.0, "{out:?}");
+}
+
 /// Color triangles with two texture neighbours become texture triangles of a neighbour's chart.
 fn fill_notches(board: &mut Board) {
     loop {
@@ -312,17 +401,7 @@ proptest! {
         share in 0.0_f64..0.7,
         page_rows in 3..17_u32,
     ) {
-        let mut board = random_board(n, seed);
-        for t in board.mesh.triangle_ids() {
-            let hash = lightkiln_mesh::random::hash(seed, u64::from(t.0), 5, 5);
-            let textured = f64::from(lightkiln_mesh::random::unit(hash)) < share;
-            board.chart_of[t.index()] = textured.then_some((hash % charts) as u32);
-        }
-        // Every chart number is used, or a chart would be empty.
-        for chart in 0..charts as usize {
-            board.chart_of[chart] = Some(chart as u32);
-        }
-        fill_notches(&mut board);
+        let board = textured_board(seed, n, charts, share);
         let atlas = board.atlas([48, page_rows.max(12) * 4]);
         let (codes, report) = board.encode(&atlas).expect("fits");
         prop_assert_eq!(report.several_chart_edges, 0);
@@ -339,5 +418,33 @@ proptest! {
             let allowed = if charted { 3 } else { 1 + usize::from(chart_edge) };
             prop_assert!(places <= allowed, "{} places", places);
         }
+    }
+
+    /// Which corner is a color, which places there are, who differs from its vertex, how many codes a vertex has: none
+    /// of it depends on values, so all layers of a bake split alike.
+    #[test]
+    fn encode_structure_does_not_depend_on_values(
+        seed in 0..u64::MAX,
+        n in 2..7_u32,
+        charts in 1..4_u64,
+        share in 0.0_f64..0.7,
+        flat in any::<bool>(),
+    ) {
+        let board = textured_board(seed, n, charts, share);
+        // Random light, and light that is the same everywhere, black or white: codes of color copies then are equal
+        // to those of other vertices.
+        let random: Vec<[f32; 3]> = board.values.iter().map(|&v| [v, v * v, 1.0 - v]).collect();
+        let constant = vec![[f32::from(u8::from(flat)); 3]; board.values.len()];
+        let (one, one_report, _) = encode_rgb(&board, &random, [1.0, 0.5, 0.25]);
+        let (other, other_report, _) = encode_rgb(&board, &constant, [0.0; 3]);
+        prop_assert_eq!(one.override_count(), other.override_count());
+        let (one_table, _) = one.to_table(3, 0.2).expect("few colors");
+        for t in board.mesh.triangle_ids() {
+            let places = |codes: &Codes| codes.of_triangle(&board.mesh, t).map(LightCode::position);
+            prop_assert_eq!(places(&one), places(&other));
+            prop_assert_eq!(places(&one), places(&one_table));
+        }
+        let structure = |report: EncodeReport| EncodeReport { clamped: 0, readback_spread: 0.0, ..report };
+        prop_assert_eq!(structure(one_report), structure(other_report));
     }
 }

@@ -40,10 +40,41 @@ pub const CURVE_KNEE: f32 = 15.0;
 /// The base of the logarithmic curve: one more than its knee, so that white is 1.
 pub const CURVE_BASE: f32 = 16.0;
 
-/// Name and value of each constant as the shaders spell it.
-pub const SHADER_CONSTANTS: [(&str, f64); 4] = [
-    ("COLOR_FLAG", COLOR_FLAG as f64),
-    ("COLOR_STEPS", COLOR_STEPS as f64),
-    ("SUBTEXELS", SUBTEXELS as f64),
-    ("ETA_EPSILON", ETA_EPSILON as f64),
+/// Factors of the real spherical harmonics, orthonormal over the sphere: band 0.
+pub const SH_CONSTANT: f64 = 0.28209479177387814;
+
+/// Band 1: of y, z and x.
+pub const SH_LINEAR: f64 = 0.4886025119029199;
+
+/// Band 2: of xy, yz and xz.
+pub const SH_PRODUCT: f64 = 1.0925484305920792;
+
+/// Band 2: of 3z² - 1.
+pub const SH_AXIS: f64 = 0.31539156525252005;
+
+/// Band 2: of x² - y².
+pub const SH_DIFFERENCE: f64 = 0.5462742152960396;
+
+/// Name and numbers of each constant of the vertex stage, as the shaders spell it.
+pub const VERTEX_CONSTANTS: [(&str, &[f64]); 8] = [
+    ("LIGHTKILN_COLOR_FLAG", &[COLOR_FLAG as f64]),
+    ("LIGHTKILN_COLOR_STEPS", &[COLOR_STEPS as f64]),
+    ("LIGHTKILN_SUBTEXELS", &[SUBTEXELS as f64]),
+    ("LIGHTKILN_INTEROP_COLOR", &[INTEROP_COLOR as f64]),
+    ("LIGHTKILN_LOW_BITS", &[LOW_BITS as f64]),
+    ("LIGHTKILN_RGB_SHIFTS", &[RGB_SHIFTS[0] as f64, RGB_SHIFTS[1] as f64, RGB_SHIFTS[2] as f64]),
+    ("LIGHTKILN_RGB_STEPS", &[RGB_STEPS[0] as f64, RGB_STEPS[1] as f64, RGB_STEPS[2] as f64]),
+    ("LIGHTKILN_TABLE_WIDTH", &[TABLE_WIDTH as f64]),
+];
+
+/// Name and numbers of each constant of the fragment stage.
+pub const FRAGMENT_CONSTANTS: [(&str, &[f64]); 8] = [
+    ("LIGHTKILN_ETA_EPSILON", &[ETA_EPSILON as f64]),
+    ("LIGHTKILN_CURVE_KNEE", &[CURVE_KNEE as f64]),
+    ("LIGHTKILN_CURVE_BASE", &[CURVE_BASE as f64]),
+    ("LIGHTKILN_SH_CONSTANT", &[SH_CONSTANT]),
+    ("LIGHTKILN_SH_LINEAR", &[SH_LINEAR]),
+    ("LIGHTKILN_SH_PRODUCT", &[SH_PRODUCT]),
+    ("LIGHTKILN_SH_AXIS", &[SH_AXIS]),
+    ("LIGHTKILN_SH_DIFFERENCE", &[SH_DIFFERENCE]),
 ];

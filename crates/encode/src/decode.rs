@@ -1,4 +1,4 @@
-//! Codes into light, as the GPU does it: the twin of `shaders/eta_blend.*`, statement by statement.
+//! Codes into light, as the GPU does it: the twin of `shaders/lightkiln.*`, statement by statement.
 //!
 //! Schaefer 2012, section 4.3: the vertex stage splits each code into a color `C`, a place `UV` and a share
 //! `eta` (1 at texture-vertices, 0 at color-vertices); all three are interpolated; the fragment stage shows
@@ -9,7 +9,7 @@
 //! texels per axis) and the interpolation over a pixel's position. The filter reads level 0.
 //!
 //! Everything up to there is in unit values, those that are stored. What a viewer shows is in the signal's own
-//! unit; [`undo`] goes there.
+//! unit; [`unscale`] goes there.
 
 use crate::constants::{COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, SUBTEXELS};
 use crate::{EncodeError, LightCode, Table};
@@ -247,13 +247,12 @@ pub fn vertex(code: LightCode, form: &Form<'_>) -> Varyings<3> {
 /// What the rasterizer does: the weighted sum of three corners.
 #[inline]
 pub fn interpolate<const N: usize>(corners: [Varyings<N>; 3], weights: [f32; 3]) -> Varyings<N> {
-    let sum = |of: &dyn Fn(&Varyings<N>) -> f32| {
-        of(&corners[0]) * weights[0] + of(&corners[1]) * weights[1] + of(&corners[2]) * weights[2]
-    };
+    let [a, b, c] = &corners;
+    let sum = |a: f32, b: f32, c: f32| a * weights[0] + b * weights[1] + c * weights[2];
     Varyings {
-        color: std::array::from_fn(|c| sum(&|v| v.color[c])),
-        position: [sum(&|v| v.position[0]), sum(&|v| v.position[1])],
-        eta: sum(&|v| v.eta),
+        color: std::array::from_fn(|i| sum(a.color[i], b.color[i], c.color[i])),
+        position: std::array::from_fn(|i| sum(a.position[i], b.position[i], c.position[i])),
+        eta: sum(a.eta, b.eta, c.eta),
     }
 }
 
@@ -271,7 +270,7 @@ pub fn fragment<const N: usize>(at: Varyings<N>, atlas: &AtlasView<'_>) -> [f32;
     light
 }
 
-/// The light that the GPU shows at a point of a triangle, before the curve is undone ([`undo`]).
+/// The light that the GPU shows at a point of a triangle, before the curve is undone ([`unscale`]).
 ///
 /// - `codes`: of the three corners
 /// - `barycentric`: weights of the second and third corner, as in `SurfacePoint`
@@ -314,11 +313,11 @@ pub struct ShaderScale {
     pub white: f32,
 }
 
-/// The signal's value of a stored one, in the signal's unit: the twin of `lightkilnUnscale`.
+/// The signal's value of a stored one, in the signal's unit: the twin of `lightkilnLightUnscale`.
 ///
 /// To be done after all interpolation, per channel.
 #[inline]
-pub fn undo(unit: f32, scale: ShaderScale) -> f32 {
+pub fn unscale(unit: f32, scale: ShaderScale) -> f32 {
     let p = scale.low + unit * scale.extent;
     if scale.white > 0.0 {
         p.signum() * (CURVE_BASE.powf(p.abs()) - 1.0) * (scale.white / CURVE_KNEE)

@@ -13,6 +13,7 @@
 //! | [`promote`] | color triangles that cost fewer bytes as texture triangles |
 //! | [`encode`](mod@encode) | charts, packing and vertex values into [`Codes`] |
 //! | [`decode`](mod@decode) | codes, barycentric coordinates and atlas into light, as a GPU does |
+//! | [`sh`] | irradiance from coefficients and a normal, as a GPU does |
 
 #[cfg(test)]
 mod cases;
@@ -22,6 +23,7 @@ pub mod decode;
 pub mod encode;
 pub mod mixed;
 pub mod promote;
+pub mod sh;
 #[cfg(test)]
 mod shaders;
 pub mod table;
@@ -29,7 +31,7 @@ pub mod table;
 mod testing;
 
 pub use code::LightCode;
-pub use decode::{AtlasView, Form, Texels, decode, decode_scalar};
+pub use decode::{AtlasView, Form, ShaderScale, Texels, decode, decode_scalar, unscale};
 pub use encode::{Codes, EncodeReport, atlas_position, encode};
 pub use promote::{PromotionPrices, promotions};
 pub use table::Table;

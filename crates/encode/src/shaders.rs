@@ -3,37 +3,92 @@
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Module, ShaderStage};
 
-use crate::constants::SHADER_CONSTANTS;
+use crate::constants::{FRAGMENT_CONSTANTS, VERTEX_CONSTANTS};
 
-const VERTEX: &str = include_str!("../../../shaders/eta_blend.vert.glsl");
-const FRAGMENT: &str = include_str!("../../../shaders/eta_blend.frag.glsl");
-const WGSL: &str = include_str!("../../../shaders/eta_blend.wgsl");
+const VERTEX: &str = include_str!("../../../shaders/lightkiln.vert.glsl");
+const FRAGMENT: &str = include_str!("../../../shaders/lightkiln.frag.glsl");
+const WGSL: &str = include_str!("../../../shaders/lightkiln.wgsl");
+const PROGRAMS: &str = include_str!("../../../shaders/programs/programs.wgsl");
 
-/// Name and value of each constant that a shader declares.
-fn constants(source: &str) -> Vec<(&str, f64)> {
+/// What stands before the functions and the program in GLSL ES.
+const HEAD: &str = "#version 300 es\nprecision highp float;\n";
+
+macro_rules! program {
+    ($stage:ident, $functions:ident, $file:literal) => {
+        (ShaderStage::$stage, $functions, include_str!(concat!("../../../shaders/programs/", $file)), $file)
+    };
+}
+
+/// Stage, functions and main of each program.
+const GLSL_PROGRAMS: [(ShaderStage, &str, &str, &str); 8] = [
+    program!(Vertex, VERTEX, "scalar.vert.glsl"),
+    program!(Fragment, FRAGMENT, "scalar.frag.glsl"),
+    program!(Vertex, VERTEX, "rgb.vert.glsl"),
+    program!(Fragment, FRAGMENT, "rgb.frag.glsl"),
+    program!(Vertex, VERTEX, "table.vert.glsl"),
+    program!(Vertex, VERTEX, "interop.vert.glsl"),
+    program!(Vertex, VERTEX, "sh.vert.glsl"),
+    program!(Fragment, FRAGMENT, "sh.frag.glsl"),
+];
+
+/// Name and numbers of each constant that a shader declares, in GLSL or in WGSL.
+fn constants(source: &str) -> Vec<(&str, Vec<f64>)> {
     source
         .lines()
         .filter_map(|line| line.strip_prefix("const "))
         .map(|declaration| {
             let (name, value) = declaration.trim_end_matches(';').split_once(" = ").expect("name = value");
-            let name = name.trim_start_matches("float ").trim_end_matches(": f32");
-            (name, value.parse().expect("a number"))
+            let name = name.split([' ', ':']).find(|word| word.contains('_')).expect("a name");
+            let inner = value.split_once('(').map_or(value, |(_, inner)| inner.trim_end_matches(')'));
+            let number = |number: &str| number.trim_end_matches('u').parse().expect("a number");
+            (name, inner.split(", ").map(number).collect())
         })
         .collect()
 }
 
 #[test]
 fn shader_constants_are_ours() {
-    assert_eq!(constants(WGSL), SHADER_CONSTANTS);
-    assert_eq!(constants(VERTEX), SHADER_CONSTANTS[..3]);
-    assert_eq!(constants(FRAGMENT), SHADER_CONSTANTS[3..]);
-    // And nothing else may say them: each number stands in one line of each file.
-    for source in [WGSL, VERTEX, FRAGMENT] {
-        let code = source.lines().filter(|line| !line.trim_start().starts_with("//"));
-        for number in ["32768", "65535", "65536", "0.0000"] {
-            assert!(code.clone().filter(|line| line.contains(number)).count() <= 1, "{number}");
+    let ours = |constants: &[(&'static str, &[f64])]| -> Vec<(&'static str, Vec<f64>)> {
+        constants.iter().map(|&(name, numbers)| (name, numbers.to_vec())).collect()
+    };
+    assert_eq!(constants(VERTEX), ours(&VERTEX_CONSTANTS));
+    assert_eq!(constants(FRAGMENT), ours(&FRAGMENT_CONSTANTS));
+    assert_eq!(constants(WGSL), ours(&[VERTEX_CONSTANTS, FRAGMENT_CONSTANTS].concat()));
+    // And nothing else may say them: other lines of code hold small numbers only.
+    for source in [VERTEX, FRAGMENT, WGSL] {
+        let code =
+            source.lines().filter(|line| !line.starts_with("const ") && !line.trim_start().starts_with("//"));
+        for line in code {
+            let words = line.split(|c: char| !c.is_ascii_alphanumeric() && c != '.' && c != '_');
+            let mut numbers = words.filter_map(|word| word.parse::<f64>().ok());
+            assert!(numbers.all(|number| number <= 9.0 && number.fract() == 0.0), "{line}");
         }
     }
+}
+
+#[test]
+fn shader_functions_are_named_for_us() {
+    // They go into materials of other people.
+    for source in [VERTEX, FRAGMENT] {
+        assert!(!source.contains("#version") && !source.contains("precision ") && !source.contains("main("));
+        let outside = source.lines().filter(|line| line.ends_with(") {") && !line.starts_with(' '));
+        for line in outside {
+            assert!(line.contains(" lightkilnVertex") || line.contains(" lightkilnLight"), "{line}");
+        }
+    }
+    // Both languages have the same functions.
+    let names = |source: &str, before: &str| -> Vec<String> {
+        let mut names: Vec<String> = source
+            .lines()
+            .filter(|line| line.ends_with('{') && !line.starts_with([' ', '/']))
+            .filter_map(|line| line.split_once(before)?.1.split_once('(').map(|(name, _)| name.to_owned()))
+            .collect();
+        names.sort_unstable();
+        names
+    };
+    let glsl = names(&[VERTEX, FRAGMENT].concat(), " ");
+    assert!(glsl.len() > 10);
+    assert_eq!(glsl, names(WGSL, "fn "));
 }
 
 fn validate(module: &Module) {
@@ -43,20 +98,32 @@ fn validate(module: &Module) {
 
 #[test]
 fn shader_wgsl_is_valid() {
-    let module = naga::front::wgsl::parse_str(WGSL).unwrap_or_else(|e| panic!("{}", e.emit_to_string(WGSL)));
+    let source = [WGSL, PROGRAMS].concat();
+    let module =
+        naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)));
     validate(&module);
     let names: Vec<&str> = module.entry_points.iter().map(|entry| entry.name.as_str()).collect();
-    assert_eq!(names, ["vertex_main", "fragment_main"]);
+    let expected = [
+        "vertex_scalar",
+        "vertex_interop",
+        "fragment_scalar",
+        "vertex_rgb",
+        "vertex_table",
+        "fragment_rgb",
+        "vertex_sh",
+        "fragment_sh",
+    ];
+    assert_eq!(names, expected);
 }
 
 /// GLSL ES 3.00 as the Vulkan GLSL that naga reads: the version, no default precisions, locations for what
-/// goes in and out (by order), a block around uniforms, and a sampler apart from its texture. Functions stay
-/// as they are, word for word.
+/// goes in and out (by order), a block around each uniform, and samplers apart from their textures. What the
+/// functions do stays as it is, word for word.
 fn vulkan_from_es(source: &str) -> String {
-    let mut locations = [0, 0];
-    let mut located = |which: usize, line: &str| {
+    let mut locations = [0, 0, 0];
+    let mut located = |which: usize| {
         locations[which] += 1;
-        format!("layout(location = {}) {line}", locations[which] - 1)
+        locations[which] - 1
     };
     let mut lines = Vec::new();
     for line in source.lines() {
@@ -64,17 +131,34 @@ fn vulkan_from_es(source: &str) -> String {
         lines.push(match words[..] {
             ["#version", "300", "es"] => "#version 450".to_owned(),
             ["precision", ..] => String::new(),
-            ["uniform", "sampler2DArray", name, ..] => format!(
-                "layout(set = 0, binding = 1) uniform texture2DArray {name}_texels;\n\
-                 layout(set = 0, binding = 2) uniform sampler {name}_sampler;\n\
-                 #define {name} sampler2DArray({name}_texels, {name}_sampler)"
-            ),
-            ["uniform", kind, name, ..] => {
-                format!("layout(set = 0, binding = 0) uniform Uniforms {{ {kind} {name}; }};")
+            ["uniform", "highp", kind, name, ..] => {
+                let kind = kind.trim_start_matches("sampler");
+                let (texels, sampler) = (located(2), located(2));
+                format!(
+                    "layout(set = 0, binding = {texels}) uniform texture{kind} {name}_texels;\n\
+                     layout(set = 0, binding = {sampler}) uniform sampler {name}_sampler;\n\
+                     #define {name} {name}_texels, {name}_sampler"
+                )
             }
-            ["in", ..] => located(0, line),
-            ["out", ..] => located(1, line),
-            _ => line.to_owned(),
+            ["uniform", kind, name, ..] => {
+                let binding = located(2);
+                let block = name.trim_end_matches(|c: char| !c.is_ascii_lowercase());
+                format!("layout(set = 0, binding = {binding}) uniform Block_{block} {{ {kind} {name}; }};")
+            }
+            ["in", ..] => format!("layout(location = {}) {line}", located(0)),
+            ["out", ..] => format!("layout(location = {}) {line}", located(1)),
+            _ => ["2DArray atlas", "2D table"].iter().fold(line.to_owned(), |line, sampler| {
+                let (kind, name) = sampler.split_once(' ').expect("two words");
+                let pair = format!("{name}_texels, {name}_sampler");
+                line.replace(
+                    &format!("highp sampler{kind} {name}"),
+                    &format!("texture{kind} {name}_texels, sampler {name}_sampler"),
+                )
+                .replace(&format!("textureGrad({name}"), &format!("textureGrad(sampler{kind}({pair})"))
+                .replace(&format!("textureSize({name}"), &format!("textureSize(sampler{kind}({pair})"))
+                .replace(&format!("texelFetch({name}"), &format!("texelFetch(sampler{kind}({pair})"))
+                .replace(&format!("({name},"), &format!("({pair},"))
+            }),
         });
     }
     lines.join("\n")
@@ -82,16 +166,29 @@ fn vulkan_from_es(source: &str) -> String {
 
 #[test]
 fn shader_glsl_is_valid() {
-    for (stage, source) in [(ShaderStage::Vertex, VERTEX), (ShaderStage::Fragment, FRAGMENT)] {
-        // GLSL ES wants the version first, and a precision for floats before the first of them.
-        assert!(source.starts_with("#version 300 es\n"));
-        assert!(source.contains("\nprecision highp float;\n"));
-        let source = vulkan_from_es(source);
+    for (stage, functions, main, file) in GLSL_PROGRAMS {
+        let source = vulkan_from_es(&[HEAD, functions, main].concat());
         let module = naga::front::glsl::Frontend::default()
             .parse(&naga::front::glsl::Options::from(stage), &source)
-            .unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)));
+            .unwrap_or_else(|e| panic!("{file}: {}", e.emit_to_string(&source)));
         validate(&module);
-        assert_eq!(module.entry_points.len(), 1);
+        assert_eq!(module.entry_points.len(), 1, "{file}");
+    }
+}
+
+#[test]
+fn shader_stages_fit_each_other() {
+    let lines = |main: &str, word: &str| -> Vec<String> {
+        let declared = main.lines().filter_map(|line| line.strip_prefix(word));
+        declared.map(|line| line.split(';').next().unwrap_or_default().to_owned()).collect()
+    };
+    let main = |file: &str| GLSL_PROGRAMS.iter().find(|program| program.3 == file).expect("a program").2;
+    for (vertex, fragment) in
+        [("scalar", "scalar"), ("interop", "scalar"), ("rgb", "rgb"), ("table", "rgb"), ("sh", "sh")]
+    {
+        let out = lines(main(&format!("{vertex}.vert.glsl")), "out ");
+        assert_eq!(out, lines(main(&format!("{fragment}.frag.glsl")), "in "), "{vertex}");
+        assert!(out.len() >= 2);
     }
 }
 

@@ -1,0 +1,74 @@
+// Lightkiln, fragment stage: functions for GLSL ES 3.00. Schaefer et al. 2012, section 4.3; CPU twin:
+// crates/encode/src/decode.rs, `fragment`, `AtlasView::lookup` and `unscale`, and crates/encode/src/sh.rs.
+//
+// Each layer: `unit = C + eta * tex(UV / eta)`, then the way back from unit values to the signal's own unit.
+// The atlas has one layer per page: LINEAR, CLAMP_TO_EDGE, not sRGB.
+
+const float LIGHTKILN_ETA_EPSILON = 0.0000152587890625;
+const float LIGHTKILN_CURVE_KNEE = 15.0;
+const float LIGHTKILN_CURVE_BASE = 16.0;
+const float LIGHTKILN_SH_CONSTANT = 0.28209479177387814;
+const float LIGHTKILN_SH_LINEAR = 0.4886025119029199;
+const float LIGHTKILN_SH_PRODUCT = 1.0925484305920792;
+const float LIGHTKILN_SH_AXIS = 0.31539156525252005;
+const float LIGHTKILN_SH_DIFFERENCE = 0.5462742152960396;
+
+// eta * tex(UV / eta). `place` is interpolated from `lightkilnVertexPlace`. To be called where all pixels pass:
+// derivatives are undefined inside of branches. Those of UV / eta follow from them by the quotient rule.
+vec3 lightkilnLightTexel(highp sampler2DArray atlas, vec3 place) {
+    vec3 byX = dFdx(place);
+    vec3 byY = dFdy(place);
+    float eta = place.z;
+    vec3 texel = vec3(0.0);
+    if (eta > LIGHTKILN_ETA_EPSILON) {
+        vec2 position = place.xy / eta;
+        vec3 size = vec3(textureSize(atlas, 0));
+        float page = clamp(floor(position.y / size.y), 0.0, size.z - 1.0);
+        vec2 uv = vec2(position.x, position.y - page * size.y) / size.xy;
+        vec2 uvByX = (byX.xy - position * byX.z) / (eta * size.xy);
+        vec2 uvByY = (byY.xy - position * byY.z) / (eta * size.xy);
+        texel = eta * textureGrad(atlas, vec3(uv, page), uvByX, uvByY).rgb;
+    }
+    return texel;
+}
+
+// The unit value of a layer of one channel. `color` is interpolated from `lightkilnVertexScalar`.
+float lightkilnLightScalar(highp sampler2DArray atlas, float color, vec3 place) {
+    return color + lightkilnLightTexel(atlas, place).r;
+}
+
+// The unit value of a layer of two or three channels. `color` is interpolated from `lightkilnVertexRgb` or `..Table`.
+vec3 lightkilnLightRgb(highp sampler2DArray atlas, vec3 color, vec3 place) {
+    return color + lightkilnLightTexel(atlas, place);
+}
+
+// From a unit value to the signal's unit. `scale`: P(low), P(high) - P(low), and white (0: the curve is linear).
+float lightkilnLightUnscale(float unit, vec3 scale) {
+    float p = scale.x + unit * scale.y;
+    float light = sign(p) * (pow(LIGHTKILN_CURVE_BASE, abs(p)) - 1.0) * (scale.z / LIGHTKILN_CURVE_KNEE);
+    return scale.z > 0.0 ? light : p;
+}
+
+vec3 lightkilnLightUnscaleRgb(vec3 unit, vec3 scale) {
+    vec3 p = scale.x + unit * scale.y;
+    vec3 light = sign(p) * (pow(vec3(LIGHTKILN_CURVE_BASE), abs(p)) - 1.0) * (scale.z / LIGHTKILN_CURVE_KNEE);
+    return scale.z > 0.0 ? light : p;
+}
+
+// Irradiance that arrives at a unit normal (of a normal map, in world space), from the layers irradianceSh0 to 3, unscaled.
+vec3 lightkilnLightSh1(vec3 sh[4], vec3 normal) {
+    vec3 light = LIGHTKILN_SH_CONSTANT * sh[0]
+        + LIGHTKILN_SH_LINEAR * (sh[1] * normal.y + sh[2] * normal.z + sh[3] * normal.x);
+    return max(light, 0.0);
+}
+
+// As before, from irradianceSh0 to 8.
+vec3 lightkilnLightSh2(vec3 sh[9], vec3 normal) {
+    vec3 n = normal;
+    vec3 light = LIGHTKILN_SH_CONSTANT * sh[0]
+        + LIGHTKILN_SH_LINEAR * (sh[1] * n.y + sh[2] * n.z + sh[3] * n.x)
+        + LIGHTKILN_SH_PRODUCT * (sh[4] * (n.x * n.y) + sh[5] * (n.y * n.z) + sh[7] * (n.x * n.z))
+        + LIGHTKILN_SH_AXIS * sh[6] * (3.0 * n.z * n.z - 1.0)
+        + LIGHTKILN_SH_DIFFERENCE * sh[8] * (n.x * n.x - n.y * n.y);
+    return max(light, 0.0);
+}

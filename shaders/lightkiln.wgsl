@@ -1,0 +1,136 @@
+// Lightkiln: functions of both stages. Schaefer et al. 2012, sections 4.3 and 4.4; CPU twin: crates/encode/src/decode.rs
+// and sh.rs. The comments of the GLSL files apply.
+//
+// `code` is the attribute `_LIGHTUV` (or `_LIGHTUV_1` ...), vertex format uint16x2.
+
+const LIGHTKILN_COLOR_FLAG: u32 = 32768u;
+const LIGHTKILN_COLOR_STEPS: f32 = 65535.0;
+const LIGHTKILN_SUBTEXELS: f32 = 8.0;
+const LIGHTKILN_INTEROP_COLOR: f32 = 2.0;
+const LIGHTKILN_LOW_BITS: u32 = 16u;
+const LIGHTKILN_RGB_SHIFTS: vec3<u32> = vec3(21u, 10u, 0u);
+const LIGHTKILN_RGB_STEPS: vec3<u32> = vec3(1023u, 2047u, 1023u);
+const LIGHTKILN_TABLE_WIDTH: u32 = 256u;
+
+const LIGHTKILN_ETA_EPSILON: f32 = 0.0000152587890625;
+const LIGHTKILN_CURVE_KNEE: f32 = 15.0;
+const LIGHTKILN_CURVE_BASE: f32 = 16.0;
+const LIGHTKILN_SH_CONSTANT: f32 = 0.28209479177387814;
+const LIGHTKILN_SH_LINEAR: f32 = 0.4886025119029199;
+const LIGHTKILN_SH_PRODUCT: f32 = 1.0925484305920792;
+const LIGHTKILN_SH_AXIS: f32 = 0.31539156525252005;
+const LIGHTKILN_SH_DIFFERENCE: f32 = 0.5462742152960396;
+
+// Vertex stage.
+
+fn lightkilnVertexIsColor(code: vec2<u32>) -> bool {
+    return code.y >= LIGHTKILN_COLOR_FLAG;
+}
+
+// UV in texels, and eta: to be interpolated. The same for all layers of a bake.
+fn lightkilnVertexPlace(code: vec2<u32>) -> vec3<f32> {
+    let place = vec3<f32>(vec2<f32>(code) / LIGHTKILN_SUBTEXELS, 1.0);
+    return select(place, vec3<f32>(0.0), lightkilnVertexIsColor(code));
+}
+
+// The color of a layer of one channel: to be interpolated.
+fn lightkilnVertexScalar(code: vec2<u32>) -> f32 {
+    return select(0.0, f32(code.x) / LIGHTKILN_COLOR_STEPS, lightkilnVertexIsColor(code));
+}
+
+fn lightkilnVertexBits(code: vec2<u32>) -> u32 {
+    return ((code.y - LIGHTKILN_COLOR_FLAG) << LIGHTKILN_LOW_BITS) | code.x;
+}
+
+// The color of a layer of two or three channels: to be interpolated.
+fn lightkilnVertexRgb(code: vec2<u32>) -> vec3<f32> {
+    let color = (vec3<u32>(lightkilnVertexBits(code)) >> LIGHTKILN_RGB_SHIFTS) & LIGHTKILN_RGB_STEPS;
+    return select(
+        vec3<f32>(0.0),
+        vec3<f32>(color) / vec3<f32>(LIGHTKILN_RGB_STEPS),
+        lightkilnVertexIsColor(code),
+    );
+}
+
+// The color of a layer with a table (not sRGB, no mip levels): to be interpolated.
+fn lightkilnVertexTable(table: texture_2d<f32>, code: vec2<u32>) -> vec3<f32> {
+    if !lightkilnVertexIsColor(code) {
+        return vec3<f32>(0.0);
+    }
+    let index = lightkilnVertexBits(code);
+    return textureLoad(table, vec2(index % LIGHTKILN_TABLE_WIDTH, index / LIGHTKILN_TABLE_WIDTH), 0).rgb;
+}
+
+// The interop form as a code, for one channel: (value, 2), or a place in the unit square of the stack of pages.
+fn lightkilnVertexInteropScalar(pair: vec2<f32>, stack: vec2<f32>) -> vec2<u32> {
+    let color = vec2<u32>(u32(round(pair.x * LIGHTKILN_COLOR_STEPS)), LIGHTKILN_COLOR_FLAG);
+    let place = vec2<u32>(round(pair * stack * LIGHTKILN_SUBTEXELS));
+    return select(place, color, pair.y >= LIGHTKILN_INTEROP_COLOR);
+}
+
+// The interop form as a code, for RGB (the low bits, 2 + the high bits) and for tables (index, 2).
+fn lightkilnVertexInterop(pair: vec2<f32>, stack: vec2<f32>) -> vec2<u32> {
+    let color = vec2<u32>(u32(pair.x), u32(pair.y - LIGHTKILN_INTEROP_COLOR) + LIGHTKILN_COLOR_FLAG);
+    let place = vec2<u32>(round(pair * stack * LIGHTKILN_SUBTEXELS));
+    return select(place, color, pair.y >= LIGHTKILN_INTEROP_COLOR);
+}
+
+// Fragment stage.
+
+// eta * tex(UV / eta). `place` is interpolated from `lightkilnVertexPlace`. To be called where all pixels pass:
+// derivatives are undefined inside of branches. Those of UV / eta follow from them by the quotient rule.
+fn lightkilnLightTexel(atlas: texture_2d_array<f32>, linear: sampler, place: vec3<f32>) -> vec3<f32> {
+    let by_x = dpdx(place);
+    let by_y = dpdy(place);
+    let eta = place.z;
+    var texel = vec3<f32>(0.0);
+    if eta > LIGHTKILN_ETA_EPSILON {
+        let position = place.xy / eta;
+        let size = vec2<f32>(textureDimensions(atlas));
+        let page = clamp(floor(position.y / size.y), 0.0, f32(textureNumLayers(atlas)) - 1.0);
+        let uv = vec2<f32>(position.x, position.y - page * size.y) / size;
+        let uv_by_x = (by_x.xy - position * by_x.z) / (eta * size);
+        let uv_by_y = (by_y.xy - position * by_y.z) / (eta * size);
+        texel = eta * textureSampleGrad(atlas, linear, uv, i32(page), uv_by_x, uv_by_y).rgb;
+    }
+    return texel;
+}
+
+// The unit value of a layer of one channel. `color` is interpolated from `lightkilnVertexScalar`.
+fn lightkilnLightScalar(atlas: texture_2d_array<f32>, linear: sampler, color: f32, place: vec3<f32>) -> f32 {
+    return color + lightkilnLightTexel(atlas, linear, place).r;
+}
+
+// The unit value of a layer of two or three channels. `color` is interpolated from `lightkilnVertexRgb` or `..Table`.
+fn lightkilnLightRgb(atlas: texture_2d_array<f32>, linear: sampler, color: vec3<f32>, place: vec3<f32>) -> vec3<f32> {
+    return color + lightkilnLightTexel(atlas, linear, place);
+}
+
+// From a unit value to the signal's unit. `scale`: P(low), P(high) - P(low), and white (0: the curve is linear).
+fn lightkilnLightUnscale(unit: f32, scale: vec3<f32>) -> f32 {
+    return lightkilnLightUnscaleRgb(vec3<f32>(unit), scale).x;
+}
+
+fn lightkilnLightUnscaleRgb(unit: vec3<f32>, scale: vec3<f32>) -> vec3<f32> {
+    let p = scale.x + unit * scale.y;
+    let powers = pow(vec3<f32>(LIGHTKILN_CURVE_BASE), abs(p)) - 1.0;
+    return select(p, sign(p) * powers * (scale.z / LIGHTKILN_CURVE_KNEE), scale.z > 0.0);
+}
+
+// Irradiance that arrives at a unit normal (of a normal map, in world space), from the layers irradianceSh0 to 3, unscaled.
+fn lightkilnLightSh1(sh: array<vec3<f32>, 4>, normal: vec3<f32>) -> vec3<f32> {
+    let light = LIGHTKILN_SH_CONSTANT * sh[0]
+        + LIGHTKILN_SH_LINEAR * (sh[1] * normal.y + sh[2] * normal.z + sh[3] * normal.x);
+    return max(light, vec3<f32>(0.0));
+}
+
+// As before, from irradianceSh0 to 8.
+fn lightkilnLightSh2(sh: array<vec3<f32>, 9>, normal: vec3<f32>) -> vec3<f32> {
+    let n = normal;
+    let light = LIGHTKILN_SH_CONSTANT * sh[0]
+        + LIGHTKILN_SH_LINEAR * (sh[1] * n.y + sh[2] * n.z + sh[3] * n.x)
+        + LIGHTKILN_SH_PRODUCT * (sh[4] * (n.x * n.y) + sh[5] * (n.y * n.z) + sh[7] * (n.x * n.z))
+        + LIGHTKILN_SH_AXIS * sh[6] * (3.0 * n.z * n.z - 1.0)
+        + LIGHTKILN_SH_DIFFERENCE * sh[8] * (n.x * n.x - n.y * n.y);
+    return max(light, vec3<f32>(0.0));
+}
