@@ -1,7 +1,7 @@
 //! Assembly, factor, solve and memory on tori and interiors, in one run.
 //!
-//! `cargo bench -p lightkiln-fit -- [small|large|huge]`; each line is a median of three where a run takes
-//! less than two seconds.
+//! `cargo bench -p lightkiln-fit -- [small|large|huge|ratios]`; each line is a median of three where a run takes
+//! less than two seconds. `ratios` takes one and 36 channels in turns and the least of each.
 #![allow(clippy::print_stdout, missing_docs)]
 
 use std::f32::consts::TAU;
@@ -125,11 +125,14 @@ fn peak_mb() -> f64 {
     line.split_whitespace().nth(1).and_then(|kb| kb.parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
 }
 
-/// User and system seconds of all threads so far: what a loaded machine cannot stretch.
+/// Seconds that all threads were on a processor so far: what a loaded machine cannot stretch.
 fn cpu_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let after = stat.rsplit(')').next().unwrap_or("");
-    after.split_whitespace().skip(11).take(2).filter_map(|t| t.parse::<f64>().ok()).sum::<f64>() / 100.0
+    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let nanoseconds = tasks.filter_map(|task| {
+        let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
+        text.split_whitespace().next()?.parse::<f64>().ok()
+    });
+    nanoseconds.sum::<f64>() * 1e-9
 }
 
 /// `count` sheets of two triangles each, as CAD parts with flat shading have.
@@ -144,18 +147,71 @@ fn confetti(count: usize) -> Mesh {
     mesh(positions, triangles)
 }
 
+/// Values of `channels` smooth functions at points.
+fn signals(m: &Mesh, points: &[SurfacePoint], channels: usize) -> Vec<f32> {
+    let at = |&p: &SurfacePoint| {
+        let p = m.position(p);
+        (0..channels).map(move |c| 0.5 + 0.4 * (3.0 * p.x + c as f32).sin() * (4.0 * p.y).cos())
+    };
+    points.iter().flat_map(at).collect()
+}
+
+/// What 36 channels cost beside one: both in turns, and the least of each, so that other work on the machine hits
+/// neither alone.
+fn ratio(name: &str, m: &Mesh, repeats: usize, options: &FitOptions) {
+    const CHANNELS: [usize; 2] = [1, 36];
+    let adjacency = Adjacency::new(m);
+    let (points, weights) = scatter(m, 2.0);
+    let values = CHANNELS.map(|channels| signals(m, &points, channels));
+    // Wall and processor seconds: all, assembly, factor and solution.
+    let mut least = [[[f64::INFINITY; 2]; 4]; 2];
+    let mut iterations = [0; 2];
+    for _ in 0..repeats {
+        for (k, channels) in CHANNELS.into_iter().enumerate() {
+            let observations =
+                Observations { points: &points, weights: &weights, values: &values[k], channels };
+            let now = || [start_of_time().elapsed().as_secs_f64(), cpu_seconds()];
+            let mut marks = vec![now()];
+            let mut system = System::new(m, &adjacency, &observations, None, options).expect("assembles");
+            marks.push(now());
+            system.factor().expect("factors");
+            marks.push(now());
+            iterations[k] = system.solve().expect("solves").report.iterations;
+            marks.push(now());
+            for (stage, (from, to)) in [(0, 3), (0, 1), (1, 2), (2, 3)].into_iter().enumerate() {
+                for clock in 0..2 {
+                    let taken = marks[to][clock] - marks[from][clock];
+                    least[k][stage][clock] = least[k][stage][clock].min(taken);
+                }
+            }
+        }
+    }
+    let stages = |k: usize| {
+        let [all, assembly, factor, solve] = least[k].map(|s| format!("{:6.3} ({:6.3})", s[0], s[1]));
+        format!("{all} = {assembly} + {factor} + {solve}, {} it", iterations[k])
+    };
+    println!(
+        "{name:<14} {:>8} v, wall (processor) s, least of {repeats}: 1 channel {}; 36 channels {}; ratio {:.2} ({:.2})",
+        m.vertex_count(),
+        stages(0),
+        stages(1),
+        least[1][0][0] / least[0][0][0],
+        least[1][0][1] / least[0][0][1],
+    );
+}
+
+/// When the program started, for the clocks.
+fn start_of_time() -> Instant {
+    static START: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
+    *START.get_or_init(Instant::now)
+}
+
 fn measure(name: &str, m: &Mesh, channels: &[usize], options: &FitOptions) {
     let adjacency = Adjacency::new(m);
     let (points, weights) = scatter(m, 2.0);
     let mut one = f64::NAN;
     for &channels in channels {
-        let values: Vec<f32> = points
-            .iter()
-            .flat_map(|&p| {
-                let p = m.position(p);
-                (0..channels).map(move |c| 0.5 + 0.4 * (3.0 * p.x + c as f32).sin() * (4.0 * p.y).cos())
-            })
-            .collect();
+        let values = signals(m, &points, channels);
         let observations = Observations { points: &points, weights: &weights, values: &values, channels };
         let before = peak_mb();
         let mut times = Vec::new();
@@ -209,6 +265,13 @@ fn main() {
         "huge" => {
             measure("torus 7.5M", &torus(2739, 0.0), &[1], &ours);
             measure("slivers 7.5M", &torus(2739, 0.1), &[1], &ours);
+        }
+        "ratios" => {
+            ratio("torus 72k", &torus(268, 0.0), 15, &ours);
+            ratio("slivers 72k", &torus(268, 0.1), 15, &ours);
+            ratio("interior 45k", &interior(45_000), 15, &ours);
+            ratio("torus 1M", &torus(1000, 0.0), 5, &ours);
+            ratio("slivers 1M", &torus(1000, 0.1), 5, &ours);
         }
         "confetti" => measure("confetti", &confetti(300_000), &[1, 3], &ours),
         "printed" => {

@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
+use lightkiln_mesh::VertexId;
 use rayon::prelude::*;
 
 use crate::optimum;
-use crate::system::{GUARD_RANGES, System};
+use crate::system::{CHUNK, GUARD_RANGES, NONE, System};
 use crate::{Bounds, FitReport};
 
 impl System<'_> {
@@ -18,24 +19,38 @@ impl System<'_> {
         report: &mut FitReport,
     ) {
         let (channels, width) = (self.observed.channels(), block.len());
-        for (s, sheet) in self.sheets.iter().enumerate() {
-            let ranges = &self.ranges[s * channels..(s + 1) * channels][block.clone()];
-            for unknown in sheet.unknowns() {
-                let at = self.vertex_of[unknown] as usize * channels;
-                let out = &mut values[at..at + channels][block.clone()];
-                let found = &solution[unknown * width..(unknown + 1) * width];
-                for ((out, &difference), &[mean, low, high]) in out.iter_mut().zip(found).zip(ranges) {
-                    let value = mean + difference;
-                    let reach = GUARD_RANGES * (high - low);
-                    // Rounding of a constant is no shot.
-                    let reach = reach.max(1e-6 * mean.abs());
-                    let guarded =
-                        if value.is_finite() { value.clamp(low - reach, high + reach) } else { mean };
-                    report.guarded_values += usize::from(guarded != value);
-                    *out = guarded as f32;
+        let guarded: Vec<usize> = values
+            .par_chunks_mut(CHUNK * channels)
+            .enumerate()
+            .map(|(c, values)| {
+                let mut guarded = 0;
+                for (i, out) in values.chunks_exact_mut(channels).enumerate() {
+                    let vertex = c * CHUNK + i;
+                    let unknown = self.unknown_of[vertex];
+                    if unknown == NONE {
+                        continue;
+                    }
+                    let t = self.fans.around(VertexId(vertex as u32))[0];
+                    let sheet = self.sheet_of[t.index()] as usize;
+                    let ranges = &self.ranges[sheet * channels..(sheet + 1) * channels][block.clone()];
+                    let found = &solution[unknown as usize * width..][..width];
+                    for ((out, &difference), &[mean, low, high]) in
+                        out[block.clone()].iter_mut().zip(found).zip(ranges)
+                    {
+                        let value = mean + difference;
+                        let reach = GUARD_RANGES * (high - low);
+                        // Rounding of a constant is no shot.
+                        let reach = reach.max(1e-6 * mean.abs());
+                        let kept =
+                            if value.is_finite() { value.clamp(low - reach, high + reach) } else { mean };
+                        guarded += usize::from(kept != value);
+                        *out = kept as f32;
+                    }
                 }
-            }
-        }
+                guarded
+            })
+            .collect();
+        report.guarded_values += guarded.into_iter().sum::<usize>();
     }
 
     /// Replaces a block of solutions by the optimum under bounds, sheet by sheet and channel by channel, where

@@ -1,8 +1,12 @@
 //! Observations sorted by triangle, with those that say nothing (weight 0, not finite) left out.
 
 use lightkiln_mesh::{Mesh, SurfacePoint, TriangleId};
+use rayon::prelude::*;
 
 use crate::FitError;
+
+/// Observations looked at by one thread at a time.
+const CHUNK: usize = 4096;
 
 /// Values of the signal at points of the surface.
 #[derive(Clone, Copy, Debug)]
@@ -52,20 +56,26 @@ impl<'a> ByTriangle<'a> {
             return Err(FitError::TooLarge { count: points });
         }
         let triangles = mesh.triangle_count();
+        let finite: Vec<bool> = (all.points, all.weights, all.values.par_chunks_exact(channels))
+            .into_par_iter()
+            .with_min_len(CHUNK)
+            .map(|(point, weight, values)| {
+                weight.is_finite()
+                    && point.barycentric.iter().all(|b| b.is_finite())
+                    && values.iter().fold(true, |all, v| all & v.is_finite())
+            })
+            .collect();
         let (mut not_finite, mut ignored) = (0, 0);
         let mut starts = vec![0_u32; triangles + 1];
         let mut sorted = true;
         let mut last = 0;
         let mut counts = Vec::with_capacity(points);
-        for (index, point) in all.points.iter().enumerate() {
+        for (index, (point, finite)) in all.points.iter().zip(finite).enumerate() {
             let triangle = point.triangle.index();
             if triangle >= triangles {
                 return Err(FitError::Triangle { observation: index, triangle, triangles });
             }
             let weight = all.weights[index];
-            let finite = weight.is_finite()
-                && point.barycentric.iter().all(|b| b.is_finite())
-                && all.values[index * channels..(index + 1) * channels].iter().all(|v| v.is_finite());
             not_finite += usize::from(!finite);
             ignored += usize::from(finite && weight <= 0.0);
             let counted = finite && weight > 0.0;

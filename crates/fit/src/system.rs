@@ -23,6 +23,7 @@
 use std::ops::Range;
 
 use lightkiln_mesh::{Adjacency, Fans, Mesh, TriangleId, VertexId, sheets};
+use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::assembly::Rows;
@@ -68,6 +69,17 @@ impl Sheet {
     pub fn unknowns(&self) -> Range<usize> {
         self.first as usize..self.last as usize
     }
+}
+
+/// Neighbouring triangles of one sheet, and what they see.
+struct Run {
+    sheet: u32,
+    area: f64,
+    triangles: usize,
+    degenerate: usize,
+    weight: f64,
+    /// By channel: weighted sum, smallest and largest observation.
+    ranges: Vec<[f64; 3]>,
 }
 
 /// A fit in the making: the assembled matrix, its factors, and everything a right-hand side needs.
@@ -162,22 +174,22 @@ impl<'a> System<'a> {
         let mut ranges = vec![[0.0, f64::INFINITY, f64::NEG_INFINITY]; count * channels];
         let mut total = vec![0.0; channels];
         let mut degenerate = 0;
-        for t in mesh.triangle_ids() {
-            let sheet = sheet_of[t.index()] as usize;
-            let a = mesh.area(t);
-            degenerate += usize::from(a <= 0.0);
-            area[sheet] += a;
-            triangles[sheet] += 1;
-            for seen in self.observed.in_triangle(t) {
-                weight[sheet] += seen.weight;
-                for (c, &value) in self.observed.values(seen.index).iter().enumerate() {
-                    let value = f64::from(value);
-                    let range = &mut ranges[sheet * channels + c];
-                    range[0] += seen.weight * value;
-                    range[1] = range[1].min(value);
-                    range[2] = range[2].max(value);
-                    total[c] += seen.weight * value;
-                }
+        let runs: Vec<Vec<Run>> = (0..mesh.triangle_count().div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|c| self.runs(&sheet_of, c * CHUNK..((c + 1) * CHUNK).min(mesh.triangle_count())))
+            .collect();
+        for run in runs.into_iter().flatten() {
+            let sheet = run.sheet as usize;
+            area[sheet] += run.area;
+            triangles[sheet] += run.triangles;
+            degenerate += run.degenerate;
+            weight[sheet] += run.weight;
+            let all = &mut ranges[sheet * channels..(sheet + 1) * channels];
+            for ((range, total), part) in all.iter_mut().zip(&mut total).zip(run.ranges) {
+                range[0] += part[0];
+                range[1] = range[1].min(part[1]);
+                range[2] = range[2].max(part[2]);
+                *total += part[0];
             }
         }
         let all_weight: f64 = weight.iter().sum();
@@ -265,6 +277,34 @@ impl<'a> System<'a> {
         self.neutral = neutral;
     }
 
+    /// What the triangles of a range say of their sheets, by runs of one sheet.
+    fn runs(&self, sheet_of: &[u32], range: Range<usize>) -> Vec<Run> {
+        let channels = self.observed.channels();
+        let mut runs: Vec<Run> = Vec::new();
+        for t in range.map(|t| TriangleId(t as u32)) {
+            let sheet = sheet_of[t.index()];
+            if runs.last().is_none_or(|run| run.sheet != sheet) {
+                let ranges = vec![[0.0, f64::INFINITY, f64::NEG_INFINITY]; channels];
+                runs.push(Run { sheet, area: 0.0, triangles: 0, degenerate: 0, weight: 0.0, ranges });
+            }
+            let run = runs.last_mut().expect("one was just pushed");
+            let area = self.mesh.area(t);
+            run.area += area;
+            run.triangles += 1;
+            run.degenerate += usize::from(area <= 0.0);
+            for seen in self.observed.in_triangle(t) {
+                run.weight += seen.weight;
+                for (range, &value) in run.ranges.iter_mut().zip(self.observed.values(seen.index)) {
+                    let value = f64::from(value);
+                    range[0] += seen.weight * value;
+                    range[1] = range[1].min(value);
+                    range[2] = range[2].max(value);
+                }
+            }
+        }
+        runs
+    }
+
     /// What each vertex sees of what its area should show it.
     fn weigh(&mut self) {
         let seen_and_deficit: Vec<(bool, f32)> = (0..self.mesh.vertex_count())
@@ -315,34 +355,20 @@ impl<'a> System<'a> {
     fn right_hand_side(&self, channels: Range<usize>) -> Vec<f64> {
         let width = channels.len();
         let all = self.observed.channels();
-        let analytic = self.options.method == Method::LeastSquares { mass: Mass::Analytic };
+        let arch = Arch::new();
         let mut rhs = vec![0.0; self.vertex_of.len() * width];
         rhs.par_chunks_mut(CHUNK * width).enumerate().for_each(|(c, part)| {
-            for (r, out) in part.chunks_exact_mut(width).enumerate() {
-                let vertex = self.vertex_of[c * CHUNK + r];
-                let around = self.fans.around(VertexId(vertex));
-                let sheet = self.sheet_of[around[0].index()] as usize;
-                let means = &self.ranges[sheet * all..(sheet + 1) * all][channels.clone()];
-                let (mut count, mut area, mut hats) = (0_usize, 0.0, 0.0);
-                for &t in around {
-                    area += self.mesh.area(t);
-                    for seen in self.observed.in_triangle(t) {
-                        let h = hat(self.mesh, t, vertex, seen.barycentric);
-                        let weight = if analytic { h } else { seen.weight * h };
-                        count += 1;
-                        hats += h;
-                        let values = &self.observed.values(seen.index)[channels.clone()];
-                        for ((out, &value), mean) in out.iter_mut().zip(values).zip(means) {
-                            *out += weight * (f64::from(value) - mean[0]);
-                        }
-                    }
-                }
-                if analytic && count > 0 {
-                    // Eq. 14 with the mean put back, less the mean's share of the matrix: a vertex without
-                    // observations is left at the mean instead of black.
-                    let share = area / count as f64;
-                    for (out, mean) in out.iter_mut().zip(means) {
-                        *out = *out * share + mean[0] * (share * hats - area / 3.0);
+            // Channels of a fixed number are worked on together.
+            match width {
+                1 => self.project::<1>(arch, c, channels.start, part.as_chunks_mut().0),
+                3 => self.project::<3>(arch, c, channels.start, part.as_chunks_mut().0),
+                4 => self.project::<4>(arch, c, channels.start, part.as_chunks_mut().0),
+                BLOCK => self.project::<BLOCK>(arch, c, channels.start, part.as_chunks_mut().0),
+                _ => {
+                    for (k, channel) in channels.clone().enumerate() {
+                        let mut column = vec![[0.0]; part.len() / width];
+                        self.project::<1>(arch, c, channel, &mut column);
+                        part.iter_mut().skip(k).step_by(width).zip(column).for_each(|(out, [c])| *out = c);
                     }
                 }
             }
@@ -359,6 +385,45 @@ impl<'a> System<'a> {
             }
         });
         rhs
+    }
+
+    /// Chunk `c` of the right-hand side of `W` channels from `first`.
+    fn project<const W: usize>(&self, arch: Arch, c: usize, first: usize, part: &mut [[f64; W]]) {
+        let all = self.observed.channels();
+        let analytic = self.options.method == Method::LeastSquares { mass: Mass::Analytic };
+        for (r, out) in part.iter_mut().enumerate() {
+            let vertex = self.vertex_of[c * CHUNK + r];
+            let around = self.fans.around(VertexId(vertex));
+            let sheet = self.sheet_of[around[0].index()] as usize;
+            let ranges = &self.ranges[sheet * all + first..][..W];
+            let means: [f64; W] = std::array::from_fn(|k| ranges[k][0]);
+            let (mut count, mut area, mut hats) = (0_usize, 0.0, 0.0);
+            arch.dispatch(|| {
+                let mut sum = [0.0; W];
+                for &t in around {
+                    area += self.mesh.area(t);
+                    for seen in self.observed.in_triangle(t) {
+                        let h = hat(self.mesh, t, vertex, seen.barycentric);
+                        let weight = if analytic { h } else { seen.weight * h };
+                        count += 1;
+                        hats += h;
+                        let (values, _) = self.observed.values(seen.index)[first..].as_chunks::<W>();
+                        for k in 0..W {
+                            sum[k] += weight * (f64::from(values[0][k]) - means[k]);
+                        }
+                    }
+                }
+                *out = sum;
+            });
+            if analytic && count > 0 {
+                // Eq. 14 with the mean put back, less the mean's share of the matrix: a vertex without
+                // observations is left at the mean instead of black.
+                let share = area / count as f64;
+                for (out, mean) in out.iter_mut().zip(means) {
+                    *out = *out * share + mean * (share * hats - area / 3.0);
+                }
+            }
+        }
     }
 
     /// Solves for all channels and applies the bounds.
@@ -415,12 +480,14 @@ impl<'a> System<'a> {
         for solver in &self.solvers {
             solver.count(&mut report);
         }
-        let widest = channels.min(wide.max(FIRST_BLOCK));
-        // Rows of columns and entries; factors; per unknown and channel the right-hand side and four vectors; fans,
-        // deficits, numbers and the order of observations.
-        report.memory_bytes = report.matrix_entries * 12
+        // Vectors of the first channels in double precision, of those to come mostly in single precision beside a copy
+        // of the matrix; then rows of columns and entries; factors; fans, deficits, numbers and the order of observations.
+        let first = 8 * 5 * channels.min(FIRST_BLOCK);
+        let later = (8 * 2 + 4 * 3) * (channels - channels.min(FIRST_BLOCK)).min(wide);
+        let copies = if later > 0 && report.iterative_sheets > 0 { 8 } else { 0 };
+        report.memory_bytes = report.matrix_entries * (12 + copies)
             + report.factor_entries * 8
-            + self.vertex_of.len() * (8 * 5 * widest + 32)
+            + self.vertex_of.len() * (first.max(later) + 32)
             + self.mesh.vertex_count() * 16
             + self.mesh.triangle_count() * 20
             + self.observed.len() * 4;

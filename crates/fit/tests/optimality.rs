@@ -86,7 +86,7 @@ proptest! {
     }
 
     #[test]
-    fn solvers_agree(n in 10_u32..40, seed: u64, alpha in 0.0_f32..1.0, channels in 1_usize..12) {
+    fn solvers_agree(n in 10_u32..40, seed: u64, alpha in 0.0_f32..1.0, channels in 1_usize..26) {
         let m = sheet(n, 0.9, seed);
         let (points, weights) = scatter(&m, 2, seed);
         let values: Vec<f32> = (0..points.len() * channels).map(|i| random::unit(random::hash(seed, i as u64, 0, 0))).collect();
