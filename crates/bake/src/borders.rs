@@ -17,17 +17,19 @@ use crate::Surface;
 const EDGE_WEIGHT: f32 = 20.0;
 const VERTEX_WEIGHT: f32 = 1e3;
 
-/// What the texels of all charts must read where they meet color triangles, for one channel.
+/// What the texels of all charts must read where they meet color triangles; `values` are vertices x channels.
 pub fn border_holds(
     surface: &Surface<'_>,
     is_texture: &[bool],
     charts: &[Chart],
     values: &[f32],
+    channels: usize,
 ) -> Vec<Hold> {
+    let value = |vertex: VertexId| &values[vertex.index() * channels..][..channels];
     let of_chart = |(number, chart): (usize, &Chart)| {
         let mut holds = Vec::new();
         let mut hold = |uv, value, weight| {
-            holds.push(Hold { chart: number as u32, uv, value: vec![value], weight });
+            holds.push(Hold { chart: number as u32, uv, value, weight });
         };
         for (&triangle, corners) in chart.triangles.iter().zip(&chart.corners) {
             for edge in 0..3 {
@@ -36,17 +38,18 @@ pub fn border_holds(
                 }
                 let ends = [corners[edge], corners[(edge + 1) % 3]].map(|c| c as usize);
                 let [from, to] = ends.map(|c| chart.uv[c]);
-                let [first, last] = ends.map(|c| values[chart.vertices[c].index()]);
+                let [first, last] = ends.map(|c| value(chart.vertices[c]));
                 let steps = (from.distance(to) * 2.0).ceil().max(1.0) as u32;
                 for step in 1..steps {
                     let t = step as f32 / steps as f32;
-                    hold(from.lerp(to, t), first + (last - first) * t, EDGE_WEIGHT);
+                    let line = first.iter().zip(last).map(|(a, b)| a + (b - a) * t).collect();
+                    hold(from.lerp(to, t), line, EDGE_WEIGHT);
                 }
             }
         }
         for (&vertex, &uv) in chart.vertices.iter().zip(&chart.uv) {
             if surface.fans.around(vertex).iter().any(|t| !is_texture[t.index()]) {
-                hold(uv, values[vertex.index()], VERTEX_WEIGHT);
+                hold(uv, value(vertex).to_vec(), VERTEX_WEIGHT);
             }
         }
         holds

@@ -14,6 +14,7 @@ use crate::options::Plan;
 use crate::output::Written;
 use crate::rounds::Shown;
 use crate::shade::Lit;
+use crate::stored::StoredLayer;
 use crate::verify::References;
 use crate::{Surface, file_name};
 
@@ -100,7 +101,7 @@ fn classes(all: &Everything<'_>) -> Classes {
         })
     };
     let is_texture = |t: TriangleId| shown.is_texture[t.index()];
-    let touches = |t: TriangleId| shown.codes.of_triangle(mesh, t).iter().any(|c: &LightCode| !c.is_color());
+    let touches = |t: TriangleId| shown.codes_of(mesh, t).iter().any(|c: &LightCode| !c.is_color());
     Classes {
         texture: class(&is_texture),
         mixed: class(&|t| !is_texture(t) && touches(t)),
@@ -117,7 +118,7 @@ fn ray_figures(all: &Everything<'_>, verify_rays: u64) -> RayFigures {
     let lit = all.lit;
     let support_samples = lit.samples.support.iter().filter(|s| **s).count();
     let count = lit.samples.points.len();
-    let mut noise: Vec<f32> = (0..count).map(|i| lit.estimates.variance_of_mean(i, 0).sqrt()).collect();
+    let mut noise: Vec<f32> = (0..count).map(|i| lit.noise(i)).collect();
     noise.sort_unstable_by(f32::total_cmp);
     RayFigures {
         poisson_samples: count - support_samples,
@@ -144,7 +145,7 @@ fn atlas_figures(shown: &Shown) -> AtlasFigures {
         width,
         height,
         pages: shown.packing.pages,
-        bits: shown.stored.bits(),
+        bits: shown.stored.layers.iter().map(StoredLayer::bits).max().unwrap_or_default(),
         texels: shown.packing.page_texels(),
         shown_texels: shown.atlas.shown,
         seam_before: shown.stitch.seam_before.max,
@@ -165,13 +166,16 @@ fn bytes(all: &Everything<'_>) -> Bytes {
     let parts = &file.parts;
     let drawn: u64 = parts.iter().map(|p| (p.original_vertices + p.added_vertices) as u64).sum();
     let added_vertices = parts.iter().map(|p| p.added_vertices as u64).sum();
-    let texel_bytes = u64::from(shown.stored.bits() / 8);
+    let layers = shown.stored.layers.len() as u64;
+    let texel_bytes = shown.stored.texel_bytes();
+    let stride = LIGHT_STRIDE * layers;
     let atlas = shown.packing.page_texels() * texel_bytes;
     let light = LightBytes {
-        attribute: drawn * LIGHT_STRIDE,
+        attribute: drawn * stride,
         added_vertices: parts.iter().map(|p| (p.added_vertices * p.original_stride) as u64).sum(),
         atlas,
         mips: LightBytes::mips_of(atlas),
+        tables: shown.stored.layers.iter().map(StoredLayer::table_bytes).sum(),
     };
     Bytes {
         light,
@@ -179,7 +183,7 @@ fn bytes(all: &Everything<'_>) -> Bytes {
         atlas_waste: (shown.packing.page_texels() - shown.atlas.shown) * texel_bytes,
         fallback: file.fallback_bytes,
         added_vertices,
-        vertices_only: parts.iter().map(|p| p.original_vertices as u64 * LIGHT_STRIDE).sum(),
+        vertices_only: parts.iter().map(|p| p.original_vertices as u64 * stride).sum(),
         full_lightmap: full_lightmap(all, texel_bytes),
         geometry: geometry_bytes(all),
         files: file.files.iter().map(|f| f.bytes).sum(),
@@ -188,7 +192,7 @@ fn bytes(all: &Everything<'_>) -> Bytes {
     }
 }
 
-/// Bytes of `_LIGHTUV` at a vertex.
+/// Bytes of a layer's attribute at a vertex.
 const LIGHT_STRIDE: u64 = 4;
 
 /// Vertices and indices of the scene as read; data that instances share is counted once.
@@ -230,6 +234,7 @@ fn full_lightmap(all: &Everything<'_>, texel_bytes: u64) -> FullLightmap {
             added_vertices: (stride_bytes as f64 * (vertex_ratio - 1.0)) as u64,
             atlas,
             mips: LightBytes::mips_of(atlas),
+            tables: 0,
         },
         texels,
         fill,
@@ -248,12 +253,12 @@ fn largest(surface: &Surface<'_>, shown: &Shown, written: &Written, texel_bytes:
         let (part, _) = surface.part_of(chart.triangles[0]);
         texels[part] += u64::from(chart.size[0]) * u64::from(chart.size[1]);
     }
+    let stride = LIGHT_STRIDE * shown.stored.layers.len() as u64;
     let mut all: Vec<Contributor> = Vec::new();
     for ((number, part), file) in surface.scene.parts.iter().enumerate().zip(&written.file.parts) {
         let texel_bytes = texels[number] * texel_bytes * 4 / 3;
         let vertices = (file.original_vertices + file.added_vertices) as u64;
-        let bytes =
-            vertices * LIGHT_STRIDE + (file.added_vertices * file.original_stride) as u64 + texel_bytes;
+        let bytes = vertices * stride + (file.added_vertices * file.original_stride) as u64 + texel_bytes;
         let name = surface.scene.part_name(number);
         match all.last_mut() {
             Some(last) if number > 0 && surface.scene.parts[number - 1].node == part.node => {

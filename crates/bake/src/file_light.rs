@@ -1,11 +1,15 @@
 //! The light of a baked file, read back as a viewer reads it: codes, atlas, and the settings of the bake.
 
-use lightkiln_encode::{AtlasView, LightCode, Texels, decode_scalar};
+use lightkiln_encode::{AtlasView, LightCode, Table};
+use lightkiln_light::{Curve, Domain, Layer, Scale};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
-use lightkiln_scene::Scene;
+use lightkiln_scene::{LayerRead, Scene};
+use lightkiln_texel::{PngDepth, read_png};
 use serde::{Deserialize, Serialize};
 
 use crate::BakeError;
+use crate::layers::{BakedLayer, Layers};
+use crate::stored::{Stored, StoredLayer};
 
 /// What the extension says beside the images: how the light was baked, so that it can be judged.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,6 +48,9 @@ pub struct LayerInfo {
     pub curve: String,
     /// Smallest and largest value.
     pub range: [f32; 2],
+    /// What counts as white, with the curve `log`.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub white: Option<f32>,
     /// Unit of the range.
     pub unit: String,
     /// Rays ended here, in units of the file; absent if nowhere.
@@ -51,16 +58,53 @@ pub struct LayerInfo {
     pub distance: Option<f32>,
 }
 
+impl LayerInfo {
+    /// What the extension says about a layer of a bake.
+    pub fn new(layer: &BakedLayer, distance: f32) -> Self {
+        let (curve, white) = match layer.scale.curve {
+            Curve::Linear => ("linear", None),
+            Curve::Log { white } => ("log", Some(white)),
+        };
+        Self {
+            signal: layer.layer.name.clone(),
+            channels: layer.layer.channels,
+            curve: curve.to_owned(),
+            range: [layer.scale.low, layer.scale.high],
+            white,
+            unit: if white.is_some() { "lux" } else { "none" }.to_owned(),
+            distance: distance.is_finite().then_some(distance),
+        }
+    }
+
+    /// The layer whose first channel has a number among those of the bake; none where the numbers make no sense.
+    fn layer(&self, first: usize) -> Option<BakedLayer> {
+        let [low, high] = self.range;
+        let domain = match (low >= 0.0, self.curve.as_str()) {
+            (_, "linear") => Domain::Bounded { low, high },
+            (true, _) => Domain::Hdr,
+            (false, _) => Domain::SignedHdr,
+        };
+        let scale = match (self.curve.as_str(), self.white) {
+            ("linear", _) => Scale::linear(low, high),
+            ("log", Some(white)) if white > 0.0 && white.is_finite() => Scale::log(white, low, high),
+            _ => return None,
+        };
+        let sound = (1..=3).contains(&self.channels) && low.is_finite() && high.is_finite() && low < high;
+        let layer = Layer { name: self.signal.clone(), channels: self.channels, domain };
+        sound.then_some(BakedLayer { layer, scale, first })
+    }
+}
+
 /// The light of a baked file.
 pub struct FileLight {
     /// What the extension says.
     pub extension: Extension,
-    /// Per triangle of the light mesh.
-    codes: Vec<[LightCode; 3]>,
-    pages: Vec<Vec<f32>>,
-    size: [u32; 2],
-    /// Bits of a texel in the file.
-    pub bits: u32,
+    /// Its layers.
+    pub layers: Layers,
+    /// Its images.
+    pub stored: Stored,
+    /// Per layer, per triangle of the light mesh.
+    codes: Vec<Vec<[LightCode; 3]>>,
 }
 
 impl FileLight {
@@ -78,44 +122,29 @@ impl FileLight {
         let faulty = |what: String| BakeError::ReadBack { what };
         let extension: Extension = serde_json::from_value(lightmap.extension)
             .map_err(|e| faulty(format!("the extension of {file}: {e}")))?;
-        let [layer] = &lightmap.layers[..] else {
-            return Err(faulty(format!("{} layers of light in {file}", lightmap.layers.len())));
-        };
-        let mut codes = Vec::with_capacity(scene.parts.iter().map(|p| p.triangles.len()).sum());
-        for (number, (part, light)) in scene.parts.iter().zip(&layer.parts).enumerate() {
-            if light.len() != part.triangles.len() {
-                return Err(faulty(format!(
-                    "part {number} (node {}) has light for {} of {} triangles",
-                    part.node,
-                    light.len(),
-                    part.triangles.len()
-                )));
-            }
-            codes.extend(light.iter().map(|corners| corners.map(LightCode)));
-        }
         let size = extension.page_size.unwrap_or_default();
-        let (mut pages, mut bits) = (Vec::new(), 8);
-        for page in &layer.pages {
-            let image = lightkiln_texel::read_png(&page.png)?;
-            if image.size != size || image.channels != 1 {
-                return Err(faulty(format!(
-                    "a page of {:?} texels and {} channels where the extension says {size:?} and 1",
-                    image.size, image.channels
-                )));
-            }
-            bits = image.bits;
-            pages.push(image.values);
+        let (mut layers, mut codes, mut images) = (Vec::new(), Vec::new(), Vec::new());
+        let mut first = 0;
+        for (number, (info, read)) in extension.layers.iter().zip(&lightmap.layers).enumerate() {
+            let layer =
+                info.layer(first).ok_or_else(|| faulty(format!("layer {number} of {file} has no scale")))?;
+            codes.push(layer_codes(scene, read).map_err(faulty)?);
+            images.push(layer_images(info, read, size)?);
+            first += info.channels;
+            layers.push(layer);
         }
-        Ok(Self { extension, codes, pages, size, bits })
+        if layers.is_empty() {
+            return Err(faulty(format!("{file} has no layers")));
+        }
+        Ok(Self { extension, layers: Layers::of(layers), stored: Stored { size, layers: images }, codes })
     }
 
-    /// The atlas as a lookup reads it.
+    /// The atlas of each layer as a lookup reads it.
     ///
     /// # Errors
     /// [`BakeError::Encode`] for pages that do not have their size; `read` has checked that.
-    pub fn view(&self) -> Result<AtlasView<'_>, BakeError> {
-        let pages = self.pages.iter().map(|page| Texels::F32(page)).collect();
-        Ok(AtlasView::new(self.size, 1, pages)?)
+    pub fn views(&self) -> Result<Vec<AtlasView<'_>>, BakeError> {
+        self.stored.views()
     }
 
     /// Where the rays of the light ended.
@@ -125,12 +154,13 @@ impl FileLight {
 
     /// Pages of the atlas.
     pub fn pages(&self) -> usize {
-        self.pages.len()
+        self.stored.layers[0].pages.len()
     }
 
-    /// The codes of a triangle's corners.
+    /// The codes of a triangle's corners in the first layer; in which of them are colors and which places all layers
+    /// are alike.
     pub fn codes(&self, triangle: TriangleId) -> [LightCode; 3] {
-        self.codes[triangle.index()]
+        self.codes[0][triangle.index()]
     }
 
     /// Whether a triangle reads all of its light from the atlas.
@@ -138,8 +168,56 @@ impl FileLight {
         self.codes(triangle).iter().all(|code| !code.is_color())
     }
 
-    /// What a GPU shows at a point.
-    pub fn show(&self, view: &AtlasView<'_>, point: SurfacePoint) -> f32 {
-        decode_scalar(self.codes(point.triangle), point.barycentric, view)
+    /// What a GPU shows at a point, in unit values of all layers.
+    pub fn show(&self, views: &[AtlasView<'_>], point: SurfacePoint, out: &mut [f32]) {
+        let codes = |layer: usize| self.codes[layer][point.triangle.index()];
+        self.stored.show(views, codes, point.barycentric, out);
     }
+}
+
+/// The codes of a layer, triangle by triangle of the light mesh.
+fn layer_codes(scene: &Scene, read: &LayerRead) -> Result<Vec<[LightCode; 3]>, String> {
+    let mut codes = Vec::with_capacity(scene.parts.iter().map(|p| p.triangles.len()).sum());
+    for (number, (part, light)) in scene.parts.iter().zip(&read.parts).enumerate() {
+        if light.len() != part.triangles.len() {
+            return Err(format!(
+                "part {number} (node {}) has light for {} of {} triangles",
+                part.node,
+                light.len(),
+                part.triangles.len()
+            ));
+        }
+        codes.extend(light.iter().map(|corners| corners.map(LightCode)));
+    }
+    Ok(codes)
+}
+
+/// The images of a layer.
+fn layer_images(info: &LayerInfo, read: &LayerRead, size: [u32; 2]) -> Result<StoredLayer, BakeError> {
+    let mut layer =
+        StoredLayer { channels: info.channels, depth: PngDepth::Eight, pages: Vec::new(), table: None };
+    let numbers = layer.stored_channels();
+    for page in &read.pages {
+        let image = read_png(&page.png)?;
+        if image.size != size || image.channels as usize != numbers {
+            let what = format!(
+                "a page of {:?} texels and {} channels where the extension says {size:?} and {numbers}",
+                image.size, image.channels
+            );
+            return Err(BakeError::ReadBack { what });
+        }
+        if image.bits == 16 {
+            layer.depth = PngDepth::Sixteen;
+        }
+        layer.pages.push(image.values);
+    }
+    if let Some(table) = &read.table {
+        let image = read_png(&table.png)?;
+        if image.channels as usize != numbers {
+            let what = format!("a table of {} channels where the layer has {numbers}", image.channels);
+            return Err(BakeError::ReadBack { what });
+        }
+        layer.table = Some(Table::read(numbers, &image.values)?);
+    }
+    Ok(layer)
 }

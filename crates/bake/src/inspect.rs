@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::file_light::Extension;
 use crate::rounds::LIGHT_STRIDE;
+use crate::stored::StoredLayer;
 use crate::{BakeError, FileLight, Surface, file_name};
 
 /// The memory budget of a file.
@@ -67,12 +68,15 @@ pub fn inspect(path: &Path) -> Result<Inspection, BakeError> {
     let textures = pixels.map(|n| n * 4 + LightBytes::mips_of(n * 4)).sum();
     let light_bytes = light.as_ref().map(|light| {
         let [width, height] = light.extension.page_size.unwrap_or_default();
-        let atlas = light.pages() as u64 * u64::from(width) * u64::from(height) * u64::from(light.bits / 8);
+        let texels = light.pages() as u64 * u64::from(width) * u64::from(height);
+        let atlas = texels * light.stored.texel_bytes();
+        let layers = light.stored.layers.len() as u64;
         LightBytes {
-            attribute: vertices * u64::from(LIGHT_STRIDE),
+            attribute: vertices * u64::from(LIGHT_STRIDE) * layers,
             added_vertices: 0,
             atlas,
             mips: LightBytes::mips_of(atlas),
+            tables: light.stored.layers.iter().map(StoredLayer::table_bytes).sum(),
         }
     });
     let texture_triangles = match &light {
@@ -166,7 +170,12 @@ impl Inspection {
                     "light",
                     format!(
                         "{}, bound {:.1} %, detail {:.5}, by {}",
-                        baked.layers.first().map_or("", |layer| &layer.signal),
+                        baked
+                            .layers
+                            .iter()
+                            .map(|layer| layer.signal.as_str())
+                            .collect::<Vec<_>>()
+                            .join(" + "),
                         baked.max_error * 100.0,
                         baked.detail,
                         baked.generator

@@ -7,9 +7,11 @@
 //! |---|---|
 //! | [`options`] | what is asked for, and the plan that follows |
 //! | [`surface`] | parts of the scene to one light mesh |
+//! | [`layers`] | what stored values mean, and what an error is |
 //! | [`shade`] | light, fit, classify: rays where a decision is open |
 //! | [`rounds`] | chart, texel, encode, check, until the bound holds |
 //! | [`borders`] | where charts meet color triangles |
+//! | [`stored`] | the images of the file, and what a viewer shows of them |
 //! | [`output`] | codes and texels to the file |
 //! | [`file_light`] | and back, as a viewer reads them |
 //! | [`verify`] | errors at fresh points |
@@ -25,11 +27,13 @@ pub mod error;
 pub mod figures;
 pub mod file_light;
 pub mod inspect;
+pub mod layers;
 pub mod options;
 pub mod output;
 pub mod rounds;
 pub mod shade;
 pub mod signals;
+pub mod stored;
 pub mod surface;
 pub mod verify;
 
@@ -81,10 +85,10 @@ pub fn bake(
     let signal = AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, plan.seed);
     surface.turn_hidden_sheets(&tracer, plan.ao_distance);
     let mut lit = shade::light_fit_classify(&surface, &signal, samples, &plan, &mut clock)?;
-    let seen = verify::seen_points(&surface, &signal, lit.estimates.rays(), &plan, &mut clock);
+    let seen = verify::seen_points(&surface, &signal, &lit, &plan, &mut clock);
     lit.tighten(&surface, &seen, &plan);
     let shown = rounds::chart_texel_encode(&surface, &signal, &lit, &seen, &plan, &mut clock)?;
-    let written = output::write(&surface, &shown, &plan, options, output, &mut clock)?;
+    let written = output::write(&surface, &lit.layers, &shown, &plan, options, output, &mut clock)?;
     let errors = verify::written_file(&surface, &signal, &lit, &seen, &shown, &written, &plan, &mut clock)?;
     let report = figures::report(figures::Everything {
         input,

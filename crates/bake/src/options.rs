@@ -100,6 +100,8 @@ pub struct BakeOptions {
     /// Occluders farther away than this do not count, in units of the file; infinity is allowed. The default
     /// is [`DEFAULT_DISTANCE`] of the scene's diagonal.
     pub ao_distance: Option<f32>,
+    /// What counts as white in a layer of light, in lux; found in the scene if none.
+    pub white: Option<f32>,
     /// Seed of every random number.
     pub seed: u64,
     /// What viewers see that do not know the extension.
@@ -121,6 +123,7 @@ impl Default for BakeOptions {
             samples: None,
             quality: Quality::Normal,
             ao_distance: None,
+            white: None,
             seed: 0,
             fallback: Fallback::Color0,
             scene: None,
@@ -138,6 +141,8 @@ pub struct Plan {
     pub radius: f32,
     /// Rays end here, in units of the file.
     pub ao_distance: f32,
+    /// What counts as white, in the unit of the light; found in the scene if none.
+    pub white: Option<f32>,
     /// Seed of every random number.
     pub seed: u64,
     /// Preset name.
@@ -195,6 +200,7 @@ impl Plan {
             max_error: options.max_error,
             radius,
             ao_distance,
+            white: options.white.map(|white| positive("--white", white, false)).transpose()?,
             seed: options.seed,
             quality: options.quality,
             effort,

@@ -3,16 +3,18 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use lightkiln_encode::{AtlasView, LightCode};
-use lightkiln_mesh::TriangleId;
+use lightkiln_encode::{AtlasView, Codes, Table};
+use lightkiln_mesh::{SurfacePoint, TriangleId};
 use lightkiln_scene::{BakedLight, ExtensionInfo, LayerFiles, PartLight};
-use lightkiln_texel::{ExrDepth, write_exr, write_png};
+use lightkiln_texel::{ExrDepth, PngDepth, write_exr, write_png};
 use rayon::prelude::*;
 
 use crate::clock::Clock;
 use crate::file_light::{Extension, LayerInfo};
+use crate::layers::{BakedLayer, Layers};
 use crate::options::{BakeOptions, Plan};
 use crate::rounds::Shown;
+use crate::stored::StoredLayer;
 use crate::{BakeError, Surface};
 
 /// What was written.
@@ -33,6 +35,7 @@ pub struct Written {
 /// [`BakeError::Scene`] and [`BakeError::Texel`].
 pub fn write(
     surface: &Surface<'_>,
+    layers: &Layers,
     shown: &Shown,
     plan: &Plan,
     options: &BakeOptions,
@@ -40,8 +43,9 @@ pub fn write(
     clock: &mut Clock<'_>,
 ) -> Result<Written, BakeError> {
     clock.stage("write");
-    let view = shown.stored.view()?;
-    let parts = (0..surface.scene.parts.len()).map(|part| part_light(surface, shown, &view, part)).collect();
+    let views = shown.stored.views()?;
+    let parts =
+        (0..surface.scene.parts.len()).map(|part| part_light(surface, layers, shown, &views, part)).collect();
     let has_atlas = !shown.charts.is_empty();
     let extension = Extension {
         version: lightkiln_scene::VERSION,
@@ -54,23 +58,18 @@ pub fn write(
         seed: plan.seed,
         layers: Vec::new(),
     };
-    let info = LayerInfo {
-        signal: "ambientOcclusion".to_owned(),
-        channels: 1,
-        curve: "linear".to_owned(),
-        range: [0.0, 1.0],
-        unit: "none".to_owned(),
-        distance: plan.ao_distance.is_finite().then_some(plan.ao_distance),
-    };
-    let info = serde_json::to_value(&info).expect("plain numbers and strings");
-    let layer = LayerFiles {
-        pages: if has_atlas { pages(shown)? } else { Vec::new() },
-        table: None,
-        info: info.as_object().cloned().unwrap_or_default(),
+    let files = |(layer, stored): (&BakedLayer, &StoredLayer)| -> Result<LayerFiles, BakeError> {
+        let info =
+            serde_json::to_value(LayerInfo::new(layer, plan.ao_distance)).expect("plain numbers and strings");
+        Ok(LayerFiles {
+            pages: if has_atlas { pages(stored, shown.stored.size)? } else { Vec::new() },
+            table: stored.table.as_ref().map(table).transpose()?,
+            info: info.as_object().cloned().unwrap_or_default(),
+        })
     };
     let light = BakedLight {
         parts,
-        layers: vec![layer],
+        layers: layers.layers.iter().zip(&shown.stored.layers).map(files).collect::<Result<_, _>>()?,
         extension: ExtensionInfo {
             root: serde_json::to_value(&extension).expect("plain numbers and strings"),
         },
@@ -80,47 +79,84 @@ pub fn write(
     let file = lightkiln_scene::write(surface.scene, &light, output)?;
     let mut outputs: Vec<PathBuf> = file.files.iter().map(|f| f.path.clone()).collect();
     if options.exr && has_atlas {
-        outputs.extend(write_exrs(shown, output)?);
+        outputs.extend(write_exrs(layers, shown, output)?);
     }
     Ok(Written { scene: output.to_owned(), outputs, scene_number: options.scene, file })
 }
 
-/// The codes of a part's corners, and what each corner shows to viewers that do not know them.
-fn part_light(surface: &Surface<'_>, shown: &Shown, view: &AtlasView<'_>, part: usize) -> PartLight {
+/// The codes of a part's corners, and what each corner shows to viewers that do not know them: the first layer.
+fn part_light(
+    surface: &Surface<'_>,
+    layers: &Layers,
+    shown: &Shown,
+    views: &[AtlasView<'_>],
+    part: usize,
+) -> PartLight {
+    let mesh = &surface.mesh;
     let triangles: Vec<TriangleId> = surface.triangles_of_part(part).collect();
-    let codes: Vec<[LightCode; 3]> =
-        triangles.par_iter().map(|&t| shown.codes.of_triangle(&surface.mesh, t)).collect();
-    let plain = |code: LightCode| match code.position() {
-        Some(position) => view.lookup(position, 0),
-        None => code.value().unwrap_or(0.0),
+    let codes = |codes: &Codes| -> Vec<[[u16; 2]; 3]> {
+        triangles.par_iter().map(|&t| codes.of_triangle(mesh, t).map(|code| code.0)).collect()
+    };
+    let plain = |light: &mut Vec<f32>, &t: &TriangleId| {
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|corner| {
+            let at = SurfacePoint { triangle: t, barycentric: [corner[1], corner[2]] };
+            shown.show(mesh, views, at, light);
+            let first = layers.layers[0].channels();
+            std::array::from_fn(|c| {
+                let channel = if first.len() == 1 { 0 } else { c };
+                if channel < first.len() { layers.displayed(channel, light[channel]) } else { 0.0 }
+            })
+        })
     };
     PartLight {
-        corner_fallback: codes.par_iter().map(|corners| corners.map(|code| [plain(code); 3])).collect(),
-        corner_codes: vec![codes.into_iter().map(|corners| corners.map(|code| code.0)).collect()],
+        corner_fallback: triangles.par_iter().map_init(|| vec![0.0; layers.channels()], plain).collect(),
+        corner_codes: shown.codes.iter().map(codes).collect(),
     }
 }
 
-/// The pages of the atlas as PNG files.
-fn pages(shown: &Shown) -> Result<Vec<Vec<u8>>, BakeError> {
+/// The pages of a layer's atlas as PNG files.
+fn pages(stored: &StoredLayer, size: [u32; 2]) -> Result<Vec<Vec<u8>>, BakeError> {
     let encode = |page: &Vec<f32>| {
         let mut bytes = Vec::new();
-        write_png(&mut bytes, shown.atlas.size, 1, shown.stored.depth, page)?;
+        write_png(&mut bytes, size, stored.stored_channels(), stored.depth, page)?;
         Ok(bytes)
     };
-    shown.atlas.pages.iter().map(encode).collect()
+    stored.pages.iter().map(encode).collect()
 }
 
-/// The pages of the atlas as `<stem>.lightkiln.<page>.exr` beside the output, unquantized.
-fn write_exrs(shown: &Shown, output: &Path) -> Result<Vec<PathBuf>, BakeError> {
+/// A table of colors as a PNG file.
+fn table(table: &Table) -> Result<Vec<u8>, BakeError> {
+    let (size, texels) = table.image();
+    let texels: Vec<f32> = texels.iter().map(|&t| f32::from(t) / 255.0).collect();
+    let mut bytes = Vec::new();
+    write_png(&mut bytes, size, table.channels(), PngDepth::Eight, &texels)?;
+    Ok(bytes)
+}
+
+/// The pages of the atlas as `<stem>.lightkiln.<page>.exr` beside the output, unquantized, in the unit of the light;
+/// layers after the first have their number behind the page's.
+fn write_exrs(layers: &Layers, shown: &Shown, output: &Path) -> Result<Vec<PathBuf>, BakeError> {
     let stem = output.file_stem().unwrap_or_default().to_string_lossy();
     let mut outputs = Vec::new();
-    for (number, page) in shown.atlas.pages.iter().enumerate() {
-        let path = output.with_file_name(format!("{stem}.lightkiln.{number}.exr"));
-        let mut bytes = std::io::Cursor::new(Vec::new());
-        write_exr(&mut bytes, shown.atlas.size, 1, ExrDepth::Half, page)?;
-        write_whole(&path, bytes.get_ref())
-            .map_err(|source| BakeError::Write { path: path.clone(), source })?;
-        outputs.push(path);
+    for (number, layer) in layers.layers.iter().enumerate() {
+        let channels = layer.channels();
+        let numbers = if channels.len() == 1 { 1 } else { 3 };
+        for (page, texels) in shown.atlas.pages.iter().enumerate() {
+            let value = |texel: &[f32], c: usize| {
+                channels.clone().nth(c).map_or(0.0, |channel| layers.from_unit(channel, texel[channel]))
+            };
+            let own: Vec<f32> = texels
+                .chunks_exact(layers.channels())
+                .flat_map(|texel| (0..numbers).map(move |c| value(texel, c)))
+                .collect();
+            let suffix = if number == 0 { String::new() } else { format!(".{number}") };
+            let path = output.with_file_name(format!("{stem}.lightkiln.{page}{suffix}.exr"));
+            let mut bytes = std::io::Cursor::new(Vec::new());
+            write_exr(&mut bytes, shown.atlas.size, numbers, ExrDepth::Half, &own)?;
+            write_whole(&path, bytes.get_ref())
+                .map_err(|source| BakeError::Write { path: path.clone(), source })?;
+            outputs.push(path);
+        }
     }
     Ok(outputs)
 }

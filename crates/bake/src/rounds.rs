@@ -15,19 +15,18 @@ use lightkiln_chart::pack::{PackOptions, Packing, pack};
 use lightkiln_chart::{Chart, ChartOptions, charts};
 use lightkiln_classify::{close, fill_notches, regions};
 use lightkiln_encode::{
-    AtlasView, Codes, EncodeReport, PromotionPrices, Texels, atlas_position, decode_scalar, encode,
-    promotions,
+    AtlasView, Codes, EncodeReport, LightCode, PromotionPrices, atlas_position, encode, promotions,
 };
 use lightkiln_light::{Estimates, Signal};
-use lightkiln_mesh::{SurfacePoint, TriangleId};
-use lightkiln_texel::image::quantize;
-use lightkiln_texel::{Atlas, ChartTexels, PngDepth, StitchOptions, StitchReport, compose, lift, stitch};
-use rayon::prelude::*;
+use lightkiln_mesh::{Mesh, SurfacePoint, TriangleId};
+use lightkiln_texel::{Atlas, ChartTexels, StitchOptions, StitchReport, compose, lift, stitch};
 
 use crate::borders::border_holds;
 use crate::clock::Clock;
+use crate::layers::Layers;
 use crate::options::{GUTTER_TEXELS, Plan};
 use crate::shade::{Lit, refine};
+use crate::stored::{Stored, expected_texel_bytes};
 use crate::verify::References;
 use crate::{BakeError, Surface};
 
@@ -47,10 +46,10 @@ pub struct Shown {
     pub packing: Packing,
     /// The texels of all charts, dilated.
     pub atlas: Atlas,
-    /// The same as the file stores them, all pages one after the other.
+    /// The same as the file stores them.
     pub stored: Stored,
-    /// The light attribute.
-    pub codes: Codes,
+    /// The attribute of each layer.
+    pub codes: Vec<Codes>,
     /// What encoding had to do.
     pub encode: EncodeReport,
     /// What stitching did.
@@ -67,42 +66,16 @@ pub struct Shown {
     pub promoted_for_bytes: usize,
 }
 
-/// Texels as the file stores them, in whole steps of 8 or 16 bits.
-pub struct Stored {
-    /// Bits of a texel.
-    pub depth: PngDepth,
-    /// Pages, each row-major.
-    pub pages: Vec<Vec<f32>>,
-    size: [u32; 2],
-}
-
-impl Stored {
-    /// Quantizes an atlas as the image writer does.
-    fn new(atlas: &Atlas, depth: PngDepth) -> Self {
-        let steps = (1 << bits(depth)) - 1;
-        let stored = |&v: &f32| quantize(v, steps) as f32 / steps as f32;
-        let pages = atlas.pages.iter().map(|page| page.iter().map(stored).collect()).collect();
-        Self { depth, pages, size: atlas.size }
+impl Shown {
+    /// What a GPU shows at a point, in unit values; `views` are of [`Stored::views`].
+    pub fn show(&self, mesh: &Mesh, views: &[AtlasView<'_>], point: SurfacePoint, out: &mut [f32]) {
+        let codes = |layer: usize| self.codes[layer].of_triangle(mesh, point.triangle);
+        self.stored.show(views, codes, point.barycentric, out);
     }
 
-    /// The atlas as a lookup reads it.
-    ///
-    /// # Errors
-    /// None that is known: pages of an atlas have its size.
-    pub fn view(&self) -> Result<AtlasView<'_>, BakeError> {
-        Ok(AtlasView::new(self.size, 1, self.pages.iter().map(|page| Texels::F32(page)).collect())?)
-    }
-
-    /// Bits of a texel.
-    pub fn bits(&self) -> u32 {
-        bits(self.depth)
-    }
-}
-
-fn bits(depth: PngDepth) -> u32 {
-    match depth {
-        PngDepth::Eight => 8,
-        PngDepth::Sixteen => 16,
+    /// The codes of a triangle's corners; in which of them are colors and which places all layers are alike.
+    pub fn codes_of(&self, mesh: &Mesh, triangle: TriangleId) -> [LightCode; 3] {
+        self.codes[0].of_triangle(mesh, triangle)
     }
 }
 
@@ -130,7 +103,7 @@ pub fn chart_texel_encode(
     clock: &mut Clock<'_>,
 ) -> Result<Shown, BakeError> {
     clock.stage("close");
-    let prices = prices(surface, plan);
+    let prices = prices(surface, &lit.layers, plan);
     let mut is_texture = lit.needs_texture.clone();
     close(&surface.adjacency, &mut is_texture, CLOSING_STEPS);
     let mut detached = vec![false; surface.mesh.vertex_count()];
@@ -143,7 +116,7 @@ pub fn chart_texel_encode(
             is_texture[triangle.index()] = true;
             promoted_for_bytes += 1;
         }
-        let mut shown = show(surface, signal, &is_texture, &detached, &lit.values, plan, &mut kept, clock)?;
+        let mut shown = show(surface, signal, lit, &is_texture, &detached, plan, &mut kept, clock)?;
         clock.stage("check");
         let wrong = wrong_triangles(surface, lit, seen, &is_texture, &shown, plan)?;
         if wrong.is_empty() || round == plan.effort.rounds {
@@ -154,7 +127,7 @@ pub fn chart_texel_encode(
         for triangle in wrong {
             // Where the atlas is too coarse for a border that vertices follow well, vertices show it alone. What
             // is wrong without any texture is no matter of borders.
-            let blends = shown.codes.of_triangle(&surface.mesh, triangle).iter().any(|code| !code.is_color());
+            let blends = shown.codes_of(&surface.mesh, triangle).iter().any(|code| !code.is_color());
             if blends && round < PATIENT_ROUNDS {
                 surface.mesh.triangles[triangle.index()].iter().for_each(|v| detached[v.index()] = true);
             } else {
@@ -167,22 +140,23 @@ pub fn chart_texel_encode(
 }
 
 /// What texels and split vertices cost, before anything is packed.
-fn prices(surface: &Surface<'_>, plan: &Plan) -> PromotionPrices {
+fn prices(surface: &Surface<'_>, layers: &Layers, plan: &Plan) -> PromotionPrices {
     let vertices: usize = surface.scene.parts.iter().map(|p| p.positions.len()).sum();
     let bytes: usize = (0..surface.scene.parts.len())
         .map(|p| surface.scene.parts[p].positions.len() * surface.scene.vertex_stride(p))
         .sum();
     PromotionPrices {
-        vertex_bytes: bytes as f64 / vertices.max(1) as f64 + f64::from(LIGHT_STRIDE),
+        vertex_bytes: bytes as f64 / vertices.max(1) as f64
+            + f64::from(LIGHT_STRIDE) * layers.layers.len() as f64,
         texel_size: plan.radius,
-        texel_bytes: bits(depth_for(plan.max_error)) as f64 / 8.0,
+        texel_bytes: expected_texel_bytes(layers, plan.max_error) as f64,
         mips: 4.0 / 3.0,
         fill: EXPECTED_FILL,
         gutter: GUTTER_TEXELS,
     }
 }
 
-/// Bytes of the light attribute at a vertex.
+/// Bytes of the attribute of one layer at a vertex.
 pub const LIGHT_STRIDE: u32 = 4;
 
 /// Share of the atlas that charts and their gutters fill; docs/PACKING.md has the measurements.
@@ -195,16 +169,16 @@ type Kept = HashMap<Vec<TriangleId>, Region>;
 fn show(
     surface: &Surface<'_>,
     signal: &dyn Signal,
+    lit: &Lit,
     is_texture: &[bool],
     detached: &[bool],
-    vertex_values: &[f32],
     plan: &Plan,
     kept: &mut Kept,
     clock: &mut Clock<'_>,
 ) -> Result<Shown, BakeError> {
-    let mesh = &surface.mesh;
+    let (mesh, channels) = (&surface.mesh, lit.layers.channels());
     let regions = regions(&surface.adjacency, is_texture);
-    add_regions(surface, signal, &regions, plan, kept, clock)?;
+    add_regions(surface, signal, &lit.layers, &regions, plan, kept, clock)?;
 
     clock.stage("texel");
     let mut shown_charts = ShownCharts::default();
@@ -212,41 +186,42 @@ fn show(
         shown_charts.add(&kept[region]);
     }
     let ShownCharts { charts, texels, mut values, valid, variances, shaded, rays } = shown_charts;
-    let holds = border_holds(surface, is_texture, &charts, vertex_values);
+    let holds = border_holds(surface, is_texture, &charts, &lit.values, channels);
     let options = StitchOptions {
         holds: &holds,
         valid: Some(&valid),
         variances: Some(&variances),
-        range: signal.range(),
+        range: [0.0, 1.0],
         ..StitchOptions::default()
     };
-    let stitched = stitch(mesh, &charts, &texels, &mut values, signal.channels(), &options)?;
+    let stitched = stitch(mesh, &charts, &texels, &mut values, channels, &options)?;
     clock.stage("pack");
     let packing = pack(&charts, &PackOptions { gutter: GUTTER_TEXELS, ..PackOptions::default() })?;
-    let atlas = compose(&charts, &texels, &values, signal.channels(), &packing)?;
-    let stored = Stored::new(&atlas, depth_for(plan.max_error));
+    let atlas = compose(&charts, &texels, &values, channels, &packing)?;
+    let stored = Stored::new(&atlas, &lit.layers, plan.max_error);
 
     clock.stage("encode");
-    let view = stored.view()?;
-    let readback: Vec<Vec<f32>> = charts
-        .par_iter()
-        .enumerate()
-        .map(|(c, chart)| {
-            (0..chart.uv.len()).map(|v| view.lookup(atlas_position(&charts, &packing, c, v), 0)).collect()
-        })
-        .collect();
-    let (codes, encoded) = encode(
-        mesh,
-        &surface.adjacency,
-        is_texture,
-        &charts,
-        &packing,
-        vertex_values,
-        1,
-        &|chart, vertex, out| out[0] = readback[chart][vertex],
-        Some(detached),
-    )?;
-    drop(view);
+    let (mut codes, mut encoded) = (Vec::new(), EncodeReport::default());
+    for (layer, view) in lit.layers.layers.iter().zip(stored.views()?) {
+        let own: Vec<f32> =
+            lit.values.chunks_exact(channels).flat_map(|v| &v[layer.channels()]).copied().collect();
+        let readback = |chart: usize, vertex: usize, out: &mut [f32]| {
+            view.read(atlas_position(&charts, &packing, chart, vertex), out);
+        };
+        let (of_layer, report) = encode(
+            mesh,
+            &surface.adjacency,
+            is_texture,
+            &charts,
+            &packing,
+            &own,
+            layer.layer.channels,
+            &readback,
+            Some(detached),
+        )?;
+        codes.push(of_layer);
+        encoded = report;
+    }
     Ok(Shown {
         is_texture: Vec::new(),
         charts,
@@ -264,15 +239,11 @@ fn show(
     })
 }
 
-/// 8 bits are enough until their steps show beside the bound.
-fn depth_for(max_error: f32) -> PngDepth {
-    if max_error < 5.0 / 255.0 { PngDepth::Sixteen } else { PngDepth::Eight }
-}
-
 /// Charts and lights the regions that no earlier round had.
 fn add_regions(
     surface: &Surface<'_>,
     signal: &dyn Signal,
+    layers: &Layers,
     regions: &[Vec<TriangleId>],
     plan: &Plan,
     kept: &mut Kept,
@@ -284,7 +255,7 @@ fn add_regions(
     let (new_charts, _) = charts(&surface.mesh, &surface.adjacency, &new, &options)?;
     clock.stage("texel");
     let texels = lift(&surface.mesh, &surface.adjacency, &new_charts, plan.seed);
-    let estimates = shade_texels(signal, &texels, plan, clock);
+    let estimates = shade_texels(signal, layers, &texels, plan, clock);
 
     let mut region_of: Vec<(TriangleId, usize)> =
         new.iter().enumerate().flat_map(|(r, region)| region.iter().map(move |&t| (t, r))).collect();
@@ -301,7 +272,7 @@ fn add_regions(
     Ok(())
 }
 
-/// The light of a chart's texels, by texel; those without a lift have none.
+/// The light of a chart's texels in unit values, by texel; those without a lift have none.
 struct TexelLight {
     values: Vec<f32>,
     variances: Vec<f32>,
@@ -313,6 +284,7 @@ struct TexelLight {
 /// Shades every lifted texel until its noise is low enough or its rays are spent.
 fn shade_texels(
     signal: &dyn Signal,
+    layers: &Layers,
     texels: &[ChartTexels],
     plan: &Plan,
     clock: &Clock<'_>,
@@ -327,19 +299,21 @@ fn shade_texels(
     let goal = plan.effort.texel_noise.min(plan.max_error / 3.0).powi(2);
     let wanted: Vec<u16> = (0..points.len())
         .map(|i| {
-            let needed = f32::from(first) * light.variance_of_mean(i, 0) / goal;
+            let needed = f32::from(first) * largest_variance(layers, &light, i) / goal;
             (needed.ceil() as u16).clamp(first, most)
         })
         .collect();
     refine(&mut light, signal, &points, &keys, &wanted, clock);
 
+    let unit = layers.light(&light);
+    let channels = layers.channels();
     let mut next = 0..points.len();
     texels
         .iter()
         .map(|t| {
             let count = t.len();
             let mut own = TexelLight {
-                values: vec![0.0; count],
+                values: vec![0.0; count * channels],
                 variances: vec![0.0; count],
                 valid: vec![false; count],
                 shaded: 0,
@@ -347,8 +321,8 @@ fn shade_texels(
             };
             for texel in (0..count).filter(|&texel| t.lift[texel].is_some()) {
                 let i = next.next().expect("one point per lifted texel");
-                own.values[texel] = light.mean(i)[0];
-                own.variances[texel] = light.variance_of_mean(i, 0);
+                own.values[texel * channels..][..channels].copy_from_slice(unit.value(i));
+                own.variances[texel] = largest_variance(layers, &light, i);
                 own.valid[texel] = light.valid(i);
                 own.shaded += 1;
                 own.rays += u64::from(light.batches(i)) * u64::from(signal.rays_per_batch());
@@ -360,6 +334,14 @@ fn shade_texels(
             own
         })
         .collect()
+}
+
+/// The noise of a point's worst channel, as a squared error.
+fn largest_variance(layers: &Layers, light: &Estimates, i: usize) -> f32 {
+    let sigma = |channel: usize| {
+        layers.sigma(channel, light.mean(i)[channel], light.variance_of_mean(i, channel).sqrt())
+    };
+    (0..layers.channels()).map(sigma).fold(0.0, f32::max).powi(2)
 }
 
 /// The charts of a round, region after region.
@@ -397,24 +379,15 @@ fn wrong_triangles(
     shown: &Shown,
     plan: &Plan,
 ) -> Result<Vec<TriangleId>, BakeError> {
-    let view = shown.stored.view()?;
-    let show = |p: SurfacePoint| {
-        decode_scalar(shown.codes.of_triangle(&surface.mesh, p.triangle), p.barycentric, &view)
-    };
+    let views = shown.stored.views()?;
+    let show = |p: SurfacePoint, out: &mut [f32]| shown.show(&surface.mesh, &views, p, out);
     let color = |p: SurfacePoint| !is_texture[p.triangle.index()];
     let checked: Vec<usize> = (0..lit.samples.points.len())
         .filter(|&i| lit.weights[i] > 0.0 && color(lit.samples.points[i]))
         .collect();
-    let beyond: Vec<TriangleId> = checked
-        .par_iter()
-        .filter(|&&i| lit.is_beyond(i, show(lit.samples.points[i]), plan.max_error))
-        .map(|&i| lit.samples.points[i].triangle)
-        .collect();
-    let fresh = (0..seen.points.len()).into_par_iter().filter_map(|i| {
-        let point = seen.points[i];
-        (color(point) && seen.is_beyond(i, show(point), plan.max_error)).then_some(point.triangle)
-    });
-    let mut triangles: Vec<TriangleId> = beyond.into_iter().chain(fresh.collect::<Vec<_>>()).collect();
+    let of_samples = lit.beyond(&checked, &show, plan.max_error);
+    let mut triangles: Vec<TriangleId> = of_samples.iter().map(|&i| lit.samples.points[i].triangle).collect();
+    triangles.extend(seen.beyond(&show, &color, plan.max_error));
     triangles.sort_unstable();
     triangles.dedup();
     Ok(triangles)

@@ -14,8 +14,9 @@ use lightkiln_sample::Samples;
 use rayon::prelude::*;
 
 use crate::clock::Clock;
+use crate::layers::{Layers, UnitLight};
 use crate::options::{CONFIDENCE, Plan};
-use crate::verify::References;
+use crate::verify::{References, Show};
 use crate::{BakeError, Surface};
 
 /// Samples with their light, the vertex values fitted to them, and what follows for each triangle.
@@ -24,9 +25,13 @@ pub struct Lit {
     pub samples: Samples,
     /// Their light.
     pub estimates: Estimates,
+    /// What its layers are.
+    pub layers: Layers,
+    /// The same light in unit values.
+    pub light: UnitLight,
     /// Weights in the fit: the area that a sample stands for, zero inside other geometry.
     pub weights: Vec<f32>,
-    /// One value per light vertex.
+    /// Unit values of the light vertices, vertices x channels.
     pub values: Vec<f32>,
     /// Whether the bound asks for texture, per triangle.
     pub needs_texture: Vec<bool>,
@@ -44,7 +49,7 @@ impl Lit {
     /// [`lightkiln_report::TOLERATED_SHARE`] tolerates lies beyond the bound.
     pub fn tighten(&mut self, surface: &Surface<'_>, seen: &References, plan: &Plan) {
         loop {
-            let shown = |p: SurfacePoint| interpolate(surface, &self.values, p);
+            let shown = |p: SurfacePoint, out: &mut [f32]| interpolate(surface, &self.values, p, out);
             let is_texture = |p: SurfacePoint| self.needs_texture[p.triangle.index()];
             let bound = seen.judge(surface, &shown, &is_texture, plan.max_error).bound;
             let tighter = self.decision_bound * TIGHTER;
@@ -52,17 +57,38 @@ impl Lit {
                 return;
             }
             self.decision_bound = tighter;
-            let (samples, estimates) = (&self.samples, &self.estimates);
-            let verdicts =
-                classify_triangles(surface, samples, estimates, &self.weights, &self.values, tighter);
+            let verdicts = classify_triangles(
+                surface,
+                &self.samples,
+                &self.layers,
+                &self.light,
+                &self.weights,
+                &self.values,
+                tighter,
+            );
             self.needs_texture = verdicts.iter().map(|v| *v == Verdict::Texture).collect();
         }
     }
 
-    /// Whether a value breaks the bound at a sample, beyond the sample's noise.
-    pub fn is_beyond(&self, sample: usize, shown: f32, limit: f32) -> bool {
-        let noise = CONFIDENCE * self.estimates.variance_of_mean(sample, 0).sqrt();
-        (shown - self.estimates.mean(sample)[0]).abs() - noise > limit
+    /// The noise of a sample's worst channel, as an error.
+    pub fn noise(&self, sample: usize) -> f32 {
+        let per_unit = self.layers.errors_per_unit();
+        self.light.sigma(sample).iter().zip(per_unit).map(|(s, k)| s * k).fold(0.0, f32::max)
+    }
+
+    /// Whether values break the bound at a sample, beyond the sample's noise.
+    pub fn is_beyond(&self, sample: usize, shown: &[f32], limit: f32) -> bool {
+        self.layers.is_beyond(shown, self.light.value(sample), self.light.sigma(sample), limit)
+    }
+
+    /// Those of some samples at which what is shown breaks the bound, beyond their noise.
+    pub fn beyond(&self, samples: &[usize], shown: &Show<'_>, limit: f32) -> Vec<usize> {
+        let buffer = || vec![0.0; self.layers.channels()];
+        let is_beyond = |out: &mut Vec<f32>, &i: &usize| {
+            shown(self.samples.points[i], out);
+            self.is_beyond(i, out, limit).then_some(i)
+        };
+        samples.par_iter().map_init(buffer, is_beyond).flatten().collect()
     }
 }
 
@@ -84,12 +110,15 @@ pub fn light_fit_classify(
     clock.stage("light");
     refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
     let mut weights = weights(surface, &samples, &estimates);
+    let layers = Layers::new(signal, &estimates, &weights, plan.white);
     let mut densified = 0;
     loop {
         clock.stage("fit");
-        let values = fit_vertices(surface, &samples, &estimates, &weights)?;
+        let light = layers.light(&estimates);
+        let values = fit_vertices(surface, &samples, &light, &weights)?;
         clock.stage("classify");
-        let verdicts = classify_triangles(surface, &samples, &estimates, &weights, &values, plan.max_error);
+        let verdicts =
+            classify_triangles(surface, &samples, &layers, &light, &weights, &values, plan.max_error);
         let mut open = 0_usize;
         for (triangle, _) in verdicts.iter().enumerate().filter(|(_, v)| **v == Verdict::Open) {
             for sample in samples.of_triangle(TriangleId(triangle as u32)) {
@@ -101,14 +130,23 @@ pub fn light_fit_classify(
         }
         if open == 0 {
             let unsure = if densified < plan.effort.denser_rounds {
-                unsure_triangles(surface, &samples, &values, &verdicts, plan)
+                unsure_triangles(surface, &samples, &layers, &values, &verdicts, plan)
             } else {
                 Vec::new()
             };
             if unsure.is_empty() {
                 let needs_texture = verdicts.iter().map(|v| *v == Verdict::Texture).collect();
                 let decision_bound = plan.max_error;
-                return Ok(Lit { samples, estimates, weights, values, needs_texture, decision_bound });
+                return Ok(Lit {
+                    samples,
+                    estimates,
+                    layers,
+                    light,
+                    weights,
+                    values,
+                    needs_texture,
+                    decision_bound,
+                });
             }
             densified += 1;
             let (denser, from) = samples.denser(&surface.mesh, &unsure, plan.seed);
@@ -136,6 +174,7 @@ const LEAST_AREA: f64 = 0.01;
 fn unsure_triangles(
     surface: &Surface<'_>,
     samples: &Samples,
+    layers: &Layers,
     values: &[f32],
     verdicts: &[Verdict],
     plan: &Plan,
@@ -145,8 +184,12 @@ fn unsure_triangles(
     mesh.triangle_ids()
         .filter(|&t| verdicts[t.index()] != Verdict::Texture && samples.of_triangle(t).len() < ENOUGH_SAMPLES)
         .filter(|&t| {
-            let [a, b, c] = mesh.triangles[t.index()].map(|v| values[v.index()]);
-            a.max(b).max(c) - a.min(b).min(c) > plan.max_error && mesh.area(t) > least
+            let corners = mesh.triangles[t.index()];
+            let differs = layers.errors_per_unit().iter().enumerate().any(|(channel, errors)| {
+                let [a, b, c] = corners.map(|v| values[v.index() * layers.channels() + channel]);
+                (a.max(b).max(c) - a.min(b).min(c)) * errors > plan.max_error
+            });
+            differs && mesh.area(t) > least
         })
         .collect()
 }
@@ -158,6 +201,7 @@ fn unsure_triangles(
 pub fn light_and_fit(
     surface: &Surface<'_>,
     signal: &dyn Signal,
+    layers: &Layers,
     samples: Samples,
     batches: u16,
     clock: &mut Clock<'_>,
@@ -168,7 +212,7 @@ pub fn light_and_fit(
     refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
     let weights = weights(surface, &samples, &estimates);
     clock.stage("fit");
-    fit_vertices(surface, &samples, &estimates, &weights)
+    fit_vertices(surface, &samples, &layers.light(&estimates), &weights)
 }
 
 /// Points that are shaded between two looks at the progress.
@@ -223,49 +267,53 @@ fn weights(surface: &Surface<'_>, samples: &Samples, estimates: &Estimates) -> V
 fn fit_vertices(
     surface: &Surface<'_>,
     samples: &Samples,
-    estimates: &Estimates,
+    light: &UnitLight,
     weights: &[f32],
 ) -> Result<Vec<f32>, BakeError> {
-    let observations = Observations {
-        points: &samples.points,
-        weights,
-        values: estimates.means(),
-        channels: estimates.channels,
-    };
+    let observations =
+        Observations { points: &samples.points, weights, values: &light.values, channels: light.channels };
     Ok(fit(&surface.mesh, &surface.adjacency, &observations, None, &fit_options())?.values)
 }
 
-/// How vertices are fitted: ours, within the range of the signal.
+/// How vertices are fitted: ours, within the range of unit values.
 pub fn fit_options() -> FitOptions {
     FitOptions { bounds: Bounds::Clamp { low: 0.0, high: 1.0 }, ..FitOptions::default() }
 }
 
-/// Linear interpolation of vertex values (Schaefer eq. 1), for one channel.
-pub fn interpolate(surface: &Surface<'_>, values: &[f32], point: SurfacePoint) -> f32 {
+/// Linear interpolation of vertex values (Schaefer eq. 1); `out` has as many channels as `values`.
+pub fn interpolate(surface: &Surface<'_>, values: &[f32], point: SurfacePoint, out: &mut [f32]) {
+    let channels = out.len();
     let corners = surface.mesh.triangles[point.triangle.index()];
-    let weights = point.weights();
-    corners.iter().zip(weights).map(|(v, w)| w * values[v.index()]).sum()
+    out.fill(0.0);
+    for (vertex, weight) in corners.iter().zip(point.weights()) {
+        let at = vertex.index() * channels;
+        out.iter_mut().zip(&values[at..at + channels]).for_each(|(o, v)| *o += weight * v);
+    }
 }
 
+/// Each channel of a sample is judged as a sample of its own.
 fn classify_triangles(
     surface: &Surface<'_>,
     samples: &Samples,
-    estimates: &Estimates,
+    layers: &Layers,
+    light: &UnitLight,
     weights: &[f32],
     values: &[f32],
     bound: f32,
 ) -> Vec<Verdict> {
-    let errors: Vec<f32> = (0..samples.points.len())
-        .into_par_iter()
-        .map(|i| (estimates.mean(i)[0] - interpolate(surface, values, samples.points[i])).abs())
-        .collect();
-    let sigmas: Vec<f32> = (0..errors.len()).map(|i| estimates.variance_of_mean(i, 0).sqrt()).collect();
-    let valid: Vec<bool> = weights.iter().map(|&w| w > 0.0).collect();
-    let residuals = Residuals {
-        triangle_starts: samples.triangle_starts(),
-        errors: &errors,
-        sigmas: &sigmas,
-        valid: &valid,
-    };
+    let channels = light.channels;
+    let per_unit = layers.errors_per_unit();
+    let mut errors = vec![0.0; light.values.len()];
+    errors.par_chunks_mut(channels).enumerate().for_each(|(i, errors)| {
+        interpolate(surface, values, samples.points[i], errors);
+        for ((error, light), per_unit) in errors.iter_mut().zip(light.value(i)).zip(per_unit) {
+            *error = (*error - light).abs() * per_unit;
+        }
+    });
+    let sigmas: Vec<f32> =
+        light.sigmas.chunks(channels).flat_map(|s| s.iter().zip(per_unit).map(|(s, k)| s * k)).collect();
+    let valid: Vec<bool> = weights.iter().flat_map(|&w| std::iter::repeat_n(w > 0.0, channels)).collect();
+    let starts: Vec<u32> = samples.triangle_starts().iter().map(|&s| s * channels as u32).collect();
+    let residuals = Residuals { triangle_starts: &starts, errors: &errors, sigmas: &sigmas, valid: &valid };
     classify(&residuals, bound, CONFIDENCE)
 }

@@ -5,13 +5,14 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use lightkiln_light::{AmbientOcclusion, Estimates, Signal, Tracer};
-use lightkiln_mesh::{SurfacePoint, VertexId, random};
-use lightkiln_report::{BoundCheck, Coarse, ErrorSummary, Errors};
+use lightkiln_mesh::{SurfacePoint, TriangleId, VertexId, random};
+use lightkiln_report::{BoundCheck, Coarse, ErrorSummary, Errors, LayerError};
 use lightkiln_sample::fresh_points;
 use lightkiln_scene::{ReadOptions, Scene};
 use rayon::prelude::*;
 
 use crate::clock::{Clock, Progress};
+use crate::layers::{BakedLayer, Layers, UnitLight};
 use crate::options::{CONFIDENCE, Plan};
 use crate::output::Written;
 use crate::rounds::Shown;
@@ -21,12 +22,28 @@ use crate::{BakeError, FileLight, Surface};
 /// How many nodes with coarse texels a report names.
 const COARSE_NODES: usize = 10;
 
+/// What is shown at a point, in unit values.
+pub type Show<'a> = dyn Fn(SurfacePoint, &mut [f32]) + Sync + 'a;
+
 /// Fresh points with converged light.
 pub struct References {
     /// Area-uniform points.
     pub points: Vec<SurfacePoint>,
-    light: Estimates,
+    estimates: Estimates,
+    layers: Layers,
+    light: UnitLight,
     rays_per_point: u32,
+}
+
+/// The error at a visible point, in the unit of the bound.
+#[derive(Clone, Copy)]
+struct PointError {
+    /// Of the worst channel, with its sign.
+    error: f32,
+    /// Standard error of the reference in that channel.
+    sigma: f32,
+    /// Some channel is beyond the bound and its noise.
+    beyond: bool,
 }
 
 impl References {
@@ -34,116 +51,129 @@ impl References {
     pub fn trace(
         surface: &Surface<'_>,
         signal: &dyn Signal,
+        layers: &Layers,
         count: usize,
         batches: u16,
         seed: u64,
         clock: &Clock<'_>,
     ) -> Self {
         let (points, keys) = fresh_points(&surface.mesh, count, seed);
-        let mut light = Estimates::new(points.len(), signal.channels());
+        let mut estimates = Estimates::new(points.len(), signal.channels());
         let wanted = vec![batches; points.len()];
-        refine(&mut light, signal, &points, &keys, &wanted, clock);
-        Self { points, light, rays_per_point: u32::from(batches) * signal.rays_per_batch() }
-    }
-
-    /// The light at a point.
-    pub fn value(&self, point: usize) -> f32 {
-        self.light.mean(point)[0]
-    }
-
-    /// Its standard error.
-    pub fn sigma(&self, point: usize) -> f32 {
-        self.light.variance_of_mean(point, 0).sqrt()
-    }
-
-    /// Whether the point can be seen: not inside other geometry.
-    pub fn visible(&self, point: usize) -> bool {
-        self.light.valid(point)
+        refine(&mut estimates, signal, &points, &keys, &wanted, clock);
+        let light = layers.light(&estimates);
+        let rays_per_point = u32::from(batches) * signal.rays_per_batch();
+        Self { points, estimates, layers: layers.clone(), light, rays_per_point }
     }
 
     /// Rays traced.
     pub fn rays(&self) -> u64 {
-        self.light.rays()
+        self.estimates.rays()
     }
 
-    /// The distribution of the error of `shown` over the visible points for which `counts` holds.
-    pub fn errors(
+    /// The error of what is shown at each point; none where a point lies inside other geometry.
+    fn errors(&self, shown: &Show<'_>, limit: f32) -> Vec<Option<PointError>> {
+        let at = |out: &mut Vec<f32>, i: usize| {
+            self.estimates.valid(i).then(|| {
+                shown(self.points[i], out);
+                let (light, sigmas) = (self.light.value(i), self.light.sigma(i));
+                let (error, sigma) = self.layers.worst(out, light, sigmas);
+                PointError { error, sigma, beyond: self.layers.is_beyond(out, light, sigmas, limit) }
+            })
+        };
+        let buffer = || vec![0.0; self.layers.channels()];
+        (0..self.points.len()).into_par_iter().map_init(buffer, at).collect()
+    }
+
+    /// The distribution of the error of what is shown.
+    pub fn summary(&self, shown: &Show<'_>) -> ErrorSummary {
+        ErrorSummary::new(self.errors(shown, f32::INFINITY).iter().flatten().map(|e| (e.error, e.sigma)))
+    }
+
+    /// The triangles in which what is shown breaks the bound, for points that count.
+    pub fn beyond(
         &self,
-        shown: &(dyn Fn(SurfacePoint) -> f32 + Sync),
+        shown: &Show<'_>,
         counts: &(dyn Fn(SurfacePoint) -> bool + Sync),
-    ) -> ErrorSummary {
-        let errors: Vec<(f32, f32)> = (0..self.points.len())
-            .into_par_iter()
-            .filter(|&i| self.visible(i) && counts(self.points[i]))
-            .map(|i| (shown(self.points[i]) - self.value(i), self.sigma(i)))
-            .collect();
-        ErrorSummary::new(errors)
+        limit: f32,
+    ) -> Vec<TriangleId> {
+        let errors = self.errors(shown, limit);
+        let beyond =
+            self.points.iter().zip(errors).filter(|(p, e)| e.is_some_and(|e| e.beyond) && counts(**p));
+        beyond.map(|(p, _)| p.triangle).collect()
     }
 
-    /// The error of a hybrid, as a whole and by class, and what the bound says of it.
+    /// The error of a hybrid, as a whole, by class and by layer, and what the bound says of it.
     pub fn judge(
         &self,
         surface: &Surface<'_>,
-        shown: &(dyn Fn(SurfacePoint) -> f32 + Sync),
+        shown: &Show<'_>,
         is_texture: &(dyn Fn(SurfacePoint) -> bool + Sync),
         limit: f32,
     ) -> Errors {
-        let visible: Vec<usize> = (0..self.points.len()).filter(|&i| self.visible(i)).collect();
-        let beyond = |class: bool| {
-            let in_class = || visible.iter().filter(|&&i| is_texture(self.points[i]) == class);
-            let wrong = in_class().filter(|&&i| self.is_beyond(i, shown(self.points[i]), limit)).count();
-            (wrong, in_class().count())
-        };
-        let (color_points_beyond, color_points) = beyond(false);
-        let (texture_points_beyond, texture_points) = beyond(true);
+        let errors = self.errors(shown, limit);
+        let visible: Vec<(SurfacePoint, PointError)> =
+            self.points.iter().zip(&errors).filter_map(|(p, e)| e.map(|e| (*p, e))).collect();
+        let in_class = |class: bool| visible.iter().filter(move |(p, _)| is_texture(*p) == class);
+        let of_class = |class: bool| ErrorSummary::new(in_class(class).map(|(_, e)| (e.error, e.sigma)));
+        let beyond = |class: bool| in_class(class).filter(|(_, e)| e.beyond).count();
         Errors {
             points: self.points.len(),
             rays_per_point: self.rays_per_point,
             hidden_points: self.points.len() - visible.len(),
             point_sampling: None,
             least_squares: None,
-            hybrid: self.errors(shown, &|_| true),
-            color: self.errors(shown, &|p| !is_texture(p)),
-            texture: self.errors(shown, is_texture),
+            hybrid: ErrorSummary::new(visible.iter().map(|(_, e)| (e.error, e.sigma))),
+            color: of_class(false),
+            texture: of_class(true),
+            layers: self.by_layer(shown),
             bound: BoundCheck {
                 limit,
                 confidence: CONFIDENCE,
                 samples_beyond: 0,
                 samples_checked: 0,
-                color_points_beyond,
-                color_points,
-                texture_points_beyond,
-                texture_points,
+                color_points_beyond: beyond(false),
+                color_points: in_class(false).count(),
+                texture_points_beyond: beyond(true),
+                texture_points: in_class(true).count(),
             },
-            coarse: self.coarse(surface, shown, is_texture, limit),
+            coarse: coarse(surface, in_class(true).filter(|(_, e)| e.beyond).map(|(p, _)| *p)),
         }
     }
 
-    /// The nodes with most points in texture triangles beyond the bound.
-    fn coarse(
-        &self,
-        surface: &Surface<'_>,
-        shown: &(dyn Fn(SurfacePoint) -> f32 + Sync),
-        is_texture: &(dyn Fn(SurfacePoint) -> bool + Sync),
-        limit: f32,
-    ) -> Vec<Coarse> {
-        let mut points = BTreeMap::new();
-        for (i, &point) in self.points.iter().enumerate() {
-            if is_texture(point) && self.is_beyond(i, shown(point), limit) {
-                *points.entry(surface.scene.part_name(surface.part_of(point.triangle).0)).or_insert(0) += 1;
-            }
-        }
-        let mut coarse: Vec<Coarse> =
-            points.into_iter().map(|(name, points)| Coarse { name, points }).collect();
-        coarse.sort_by_key(|c| std::cmp::Reverse(c.points));
-        coarse.truncate(COARSE_NODES);
-        coarse
+    /// The error of each layer alone.
+    fn by_layer(&self, shown: &Show<'_>) -> Vec<LayerError> {
+        let values: Vec<Vec<f32>> = (0..self.points.len())
+            .into_par_iter()
+            .map(|i| {
+                let mut out = vec![0.0; self.layers.channels()];
+                shown(self.points[i], &mut out);
+                out
+            })
+            .collect();
+        let of_layer = |layer: &BakedLayer| {
+            let alone = Layers::of(vec![BakedLayer { first: 0, ..layer.clone() }]);
+            let own = layer.channels();
+            let errors = (0..self.points.len()).filter(|&i| self.estimates.valid(i)).map(|i| {
+                let (light, sigma) = (&self.light.value(i)[own.clone()], &self.light.sigma(i)[own.clone()]);
+                alone.worst(&values[i][own.clone()], light, sigma)
+            });
+            LayerError { signal: layer.layer.name.clone(), hybrid: ErrorSummary::new(errors) }
+        };
+        self.layers.layers.iter().map(of_layer).collect()
     }
+}
 
-    /// Whether a value breaks the bound at a visible point, beyond the noise of its reference.
-    pub fn is_beyond(&self, point: usize, shown: f32, limit: f32) -> bool {
-        self.visible(point) && (shown - self.value(point)).abs() - CONFIDENCE * self.sigma(point) > limit
+/// The nodes with most of these points.
+fn coarse(surface: &Surface<'_>, beyond: impl Iterator<Item = SurfacePoint>) -> Vec<Coarse> {
+    let mut points = BTreeMap::new();
+    for point in beyond {
+        *points.entry(surface.scene.part_name(surface.part_of(point.triangle).0)).or_insert(0) += 1;
     }
+    let mut coarse: Vec<Coarse> = points.into_iter().map(|(name, points)| Coarse { name, points }).collect();
+    coarse.sort_by_key(|c| std::cmp::Reverse(c.points));
+    coarse.truncate(COARSE_NODES);
+    coarse
 }
 
 /// Streams of random numbers beside the samples': fresh points that may promote triangles, and those that
@@ -168,15 +198,15 @@ fn affordable_points(rays: u64, rays_per_point: u64, plan: &Plan) -> usize {
 pub fn seen_points(
     surface: &Surface<'_>,
     signal: &dyn Signal,
-    rays_so_far: u64,
+    lit: &Lit,
     plan: &Plan,
     clock: &mut Clock<'_>,
 ) -> References {
     clock.stage("check");
     let batches = plan.effort.reference_batches;
     let rays_per_point = u64::from(batches) * u64::from(signal.rays_per_batch());
-    let count = affordable_points(rays_so_far, rays_per_point, plan);
-    References::trace(surface, signal, count, batches, plan.seed ^ SEEN_STREAM, clock)
+    let count = affordable_points(lit.estimates.rays(), rays_per_point, plan);
+    References::trace(surface, signal, &lit.layers, count, batches, plan.seed ^ SEEN_STREAM, clock)
 }
 
 /// Reads the written file back and compares what it shows with references at points that nothing has seen.
@@ -203,21 +233,22 @@ pub fn written_file(
     let light = FileLight::read(&scene, &file)?;
     let again = Surface::new(&scene, &file)?;
     same_geometry(surface, &again)?;
-    let view = light.view()?;
+    let views = light.views()?;
 
     let batches = plan.effort.reference_batches;
     let rays_per_point = u64::from(batches) * u64::from(signal.rays_per_batch());
     let rays = lit.estimates.rays() + shown.texel_rays;
     let count = affordable_points(rays, rays_per_point, plan);
-    let fresh = References::trace(surface, signal, count, batches, plan.seed ^ UNSEEN_STREAM, clock);
-    let (at_vertices, vertex_rays) = point_samples(surface, signal, &fresh, plan, clock);
+    let fresh =
+        References::trace(surface, signal, &lit.layers, count, batches, plan.seed ^ UNSEEN_STREAM, clock);
+    let (at_vertices, vertex_rays) = point_samples(surface, signal, &lit.layers, &fresh, plan, clock);
 
-    let mut errors =
-        fresh.judge(surface, &|p| light.show(&view, p), &|p| light.is_texture(p.triangle), plan.max_error);
-    errors.point_sampling = Some(fresh.errors(&|p| interpolate(surface, &at_vertices, p), &|_| true));
-    errors.least_squares = Some(fresh.errors(&|p| interpolate(surface, &lit.values, p), &|_| true));
+    let shown = |p: SurfacePoint, out: &mut [f32]| light.show(&views, p, out);
+    let mut errors = fresh.judge(surface, &shown, &|p| light.is_texture(p.triangle), plan.max_error);
+    errors.point_sampling = Some(fresh.summary(&|p, out| interpolate(surface, &at_vertices, p, out)));
+    errors.least_squares = Some(fresh.summary(&|p, out| interpolate(surface, &lit.values, p, out)));
     [errors.bound.samples_beyond, errors.bound.samples_checked] =
-        samples_beyond(lit, plan, &|p| light.show(&view, p), &|p| !light.is_texture(p.triangle));
+        samples_beyond(lit, plan, &shown, &|p| !light.is_texture(p.triangle));
     Ok((errors, seen.rays() + fresh.rays() + vertex_rays))
 }
 
@@ -225,17 +256,13 @@ pub fn written_file(
 fn samples_beyond(
     lit: &Lit,
     plan: &Plan,
-    shown: &(dyn Fn(SurfacePoint) -> f32 + Sync),
+    shown: &Show<'_>,
     counts: &(dyn Fn(SurfacePoint) -> bool + Sync),
 ) -> [usize; 2] {
-    let checked = || {
-        (0..lit.samples.points.len())
-            .into_par_iter()
-            .filter(|&i| lit.weights[i] > 0.0 && counts(lit.samples.points[i]))
-    };
-    let beyond =
-        checked().filter(|&i| lit.is_beyond(i, shown(lit.samples.points[i]), plan.max_error)).count();
-    [beyond, checked().count()]
+    let checked: Vec<usize> = (0..lit.samples.points.len())
+        .filter(|&i| lit.weights[i] > 0.0 && counts(lit.samples.points[i]))
+        .collect();
+    [lit.beyond(&checked, shown, plan.max_error).len(), checked.len()]
 }
 
 /// The same triangles at the same places, in the same order.
@@ -255,6 +282,7 @@ fn same_geometry(surface: &Surface<'_>, again: &Surface<'_>) -> Result<(), BakeE
 fn point_samples(
     surface: &Surface<'_>,
     signal: &dyn Signal,
+    layers: &Layers,
     fresh: &References,
     plan: &Plan,
     clock: &Clock<'_>,
@@ -269,9 +297,10 @@ fn point_samples(
         vertices.iter().map(|v| random::hash(plan.seed, u64::from(v.0), UNSEEN_STREAM, 0)).collect();
     let mut light = Estimates::new(points.len(), signal.channels());
     refine(&mut light, signal, &points, &keys, &vec![plan.effort.sample_batches[0]; points.len()], clock);
-    let mut values = vec![0.0; mesh.vertex_count()];
+    let (unit, channels) = (layers.light(&light), layers.channels());
+    let mut values = vec![0.0; mesh.vertex_count() * channels];
     for (i, v) in vertices.iter().enumerate() {
-        values[v.index()] = light.mean(i)[0];
+        values[v.index() * channels..][..channels].copy_from_slice(unit.value(i));
     }
     (values, light.rays())
 }
@@ -311,8 +340,9 @@ pub fn verify_file(
     clock.stage("verify");
     let batches = options.rays.div_ceil(signal.rays_per_batch()).clamp(2, u32::from(u16::MAX)) as u16;
     let seed = options.seed ^ VERIFY_STREAM;
-    let fresh = References::trace(&surface, &signal, options.points, batches, seed, &clock);
-    let view = light.view()?;
+    let fresh = References::trace(&surface, &signal, &light.layers, options.points, batches, seed, &clock);
+    let views = light.views()?;
     let limit = light.extension.max_error;
-    Ok(fresh.judge(&surface, &|p| light.show(&view, p), &|p| light.is_texture(p.triangle), limit))
+    let shown = |p: SurfacePoint, out: &mut [f32]| light.show(&views, p, out);
+    Ok(fresh.judge(&surface, &shown, &|p| light.is_texture(p.triangle), limit))
 }

@@ -233,6 +233,7 @@ impl BakeSettings {
             samples: self.samples,
             quality: self.quality.map_or_else(Quality::default, Quality::from),
             ao_distance: self.ao_distance,
+            white: None,
             seed: self.seed.unwrap_or(defaults.seed),
             fallback: match self.fallback {
                 Some(FallbackName::None) => Fallback::None,

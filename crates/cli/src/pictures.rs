@@ -1,6 +1,7 @@
 //! The command `render`: which picture shows what.
 
 use glam::Vec3;
+use lightkiln_bake::layers::Layers;
 use lightkiln_bake::{Clock, FileLight, Surface, options, shade};
 use lightkiln_encode::AtlasView;
 use lightkiln_light::{AmbientOcclusion, Estimates, Hit, Signal, Tracer};
@@ -73,13 +74,20 @@ fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Pic
         }
         None => None,
     };
+    let signal = AmbientOcclusion::new(&tracer, &surface.mesh, distance, PICTURE_SEED);
+    let layers = match &light {
+        Some(light) => light.layers.clone(),
+        None => Layers::new(&signal, &Estimates::new(0, signal.channels()), &[], None),
+    };
     let camera = Camera::framing(&surface.mesh.positions, target, view, arguments.zoom);
     let studio = Studio {
         surface: &surface,
         tracer: &tracer,
         light: light.as_ref(),
-        view: light.as_ref().map(FileLight::view).transpose()?,
-        distance,
+        views: light.as_ref().map(FileLight::views).transpose()?,
+        signal: Box::new(signal),
+        layers,
+        layer: 0,
         camera,
         size: arguments.size as usize,
         rays: arguments.rays,
@@ -99,8 +107,11 @@ struct Studio<'a> {
     surface: &'a Surface<'a>,
     tracer: &'a Tracer<'a>,
     light: Option<&'a FileLight>,
-    view: Option<AtlasView<'a>>,
-    distance: f32,
+    views: Option<Vec<AtlasView<'a>>>,
+    signal: Box<dyn Signal + 'a>,
+    layers: Layers,
+    /// The layer that is shown.
+    layer: usize,
     camera: Camera,
     size: usize,
     rays: u32,
@@ -118,10 +129,10 @@ impl Studio<'_> {
         let mesh = &self.surface.mesh;
         Ok(match mode {
             ModeName::Clay => self.render(&|hit| Vec3::splat(self.clay(hit))),
-            ModeName::Reference => self.render(&|hit| Vec3::splat(self.traced(hit))),
-            ModeName::Light => self.render(&|hit| Vec3::splat(self.shown(hit))),
+            ModeName::Reference => self.render(&|hit| self.traced(hit)),
+            ModeName::Light => self.render(&|hit| self.shown(hit)),
             ModeName::Error => self.render(&|hit| {
-                let error = ERROR_GAIN * (self.shown(hit) - self.traced(hit));
+                let error = ERROR_GAIN * self.error(hit);
                 // Too bright is red, too dark is blue, right is white.
                 Vec3::ONE - Vec3::new((-error).max(0.0), error.abs(), error.max(0.0)).min(Vec3::ONE)
             }),
@@ -129,7 +140,7 @@ impl Studio<'_> {
             ModeName::Charts => self.render(&|hit| self.chart_color(hit) * (0.35 + 0.65 * self.clay(hit))),
             ModeName::Point => {
                 let values = self.point_samples();
-                self.render(&|hit| Vec3::splat(shade::interpolate(self.surface, &values, point(hit))))
+                self.render(&|hit| self.interpolated(&values, hit))
             }
             ModeName::LeastSquares => {
                 let radius = match self.light {
@@ -137,7 +148,7 @@ impl Studio<'_> {
                     None => lightkiln_sample::radius_for(mesh, 250_000),
                 };
                 let values = self.least_squares(radius, clock)?;
-                self.render(&|hit| Vec3::splat(shade::interpolate(self.surface, &values, point(hit))))
+                self.render(&|hit| self.interpolated(&values, hit))
             }
         })
     }
@@ -146,30 +157,61 @@ impl Studio<'_> {
         render(self.tracer, self.surface, &self.camera, self.size, color)
     }
 
-    fn signal(&self) -> AmbientOcclusion<'_> {
-        AmbientOcclusion::new(self.tracer, &self.surface.mesh, self.distance, PICTURE_SEED)
-    }
-
-    fn shown(&self, hit: &Hit) -> f32 {
-        match (self.light, &self.view) {
-            (Some(light), Some(view)) => light.show(view, point(hit)),
-            _ => 0.0,
+    /// What the file shows, in unit values of all layers.
+    fn shown_units(&self, hit: &Hit) -> Vec<f32> {
+        let mut out = vec![0.0; self.layers.channels()];
+        if let (Some(light), Some(views)) = (self.light, &self.views) {
+            light.show(views, point(hit), &mut out);
         }
+        out
     }
 
-    fn traced(&self, hit: &Hit) -> f32 {
-        let signal = self.signal();
+    /// The same, traced.
+    fn traced_units(&self, hit: &Hit) -> Vec<f32> {
         let bits = hit.barycentric.map(|b| u64::from(b.to_bits()));
         let key = random::hash(PICTURE_SEED, u64::from(hit.triangle.0), bits[0], bits[1]);
         // A quarter of the rays for each of the four places of a pixel.
-        let batches = (self.rays / 4).div_ceil(signal.rays_per_batch()).max(1);
-        let mut sum = 0.0;
+        let batches = (self.rays / 4).div_ceil(self.signal.rays_per_batch()).max(1);
+        let mut sum = vec![0.0; self.layers.channels()];
+        let mut out = sum.clone();
         for batch in 0..batches {
-            let mut out = [0.0];
-            signal.batch(point(hit), key, batch, &mut out);
-            sum += out[0];
+            self.signal.batch(point(hit), key, batch, &mut out);
+            sum.iter_mut().zip(&out).for_each(|(sum, value)| *sum += value / batches as f32);
         }
-        sum / batches as f32
+        sum.iter().enumerate().map(|(channel, &x)| self.layers.to_unit(channel, x)).collect()
+    }
+
+    /// How unit values look: the chosen layer, gray for one channel; light as a share of white.
+    fn color(&self, units: &[f32]) -> Vec3 {
+        let channels = self.layers.layers[self.layer].channels();
+        let shown = |c: usize| self.layers.displayed(c, units[c]);
+        match channels.len() {
+            1 => Vec3::splat(shown(channels.start)),
+            count => {
+                Vec3::from_array(std::array::from_fn(
+                    |c| if c < count { shown(channels.start + c) } else { 0.0 },
+                ))
+            }
+        }
+    }
+
+    fn shown(&self, hit: &Hit) -> Vec3 {
+        self.color(&self.shown_units(hit))
+    }
+
+    fn traced(&self, hit: &Hit) -> Vec3 {
+        self.color(&self.traced_units(hit))
+    }
+
+    fn error(&self, hit: &Hit) -> f32 {
+        let traced = self.traced_units(hit);
+        self.layers.worst(&self.shown_units(hit), &traced, &vec![0.0; traced.len()]).0
+    }
+
+    fn interpolated(&self, values: &[f32], hit: &Hit) -> Vec3 {
+        let mut out = vec![0.0; self.layers.channels()];
+        shade::interpolate(self.surface, values, point(hit), &mut out);
+        self.color(&out)
     }
 
     /// A headlight with a little from above.
@@ -208,15 +250,15 @@ impl Studio<'_> {
         let vertices = (0..mesh.vertex_count() as u32).map(lightkiln_mesh::VertexId);
         let points: Vec<SurfacePoint> = vertices.clone().map(|v| self.surface.point_at(v)).collect();
         let keys: Vec<u64> = vertices.map(|v| random::hash(PICTURE_SEED, u64::from(v.0), 0, 0)).collect();
-        let mut light = Estimates::new(points.len(), 1);
-        light.refine(&self.signal(), &points, &keys, &vec![16; points.len()]);
-        light.means().to_vec()
+        let mut light = Estimates::new(points.len(), self.signal.channels());
+        light.refine(self.signal.as_ref(), &points, &keys, &vec![16; points.len()]);
+        self.layers.light(&light).values
     }
 
     fn least_squares(&self, radius: f32, clock: &mut Clock<'_>) -> Result<Vec<f32>, Failure> {
         let samples = poisson_disk(&self.surface.mesh, &SampleOptions { radius, seed: PICTURE_SEED })
             .map_err(lightkiln_bake::BakeError::from)?;
-        Ok(shade::light_and_fit(self.surface, &self.signal(), samples, 8, clock)?)
+        Ok(shade::light_and_fit(self.surface, self.signal.as_ref(), &self.layers, samples, 8, clock)?)
     }
 }
 

@@ -2,9 +2,10 @@
 //!
 //! | part | how it is counted |
 //! |---|---|
-//! | light attribute | 4 bytes for every vertex that a baked primitive draws, added ones included |
+//! | light attribute | 4 bytes a layer for every vertex that a baked primitive draws, added ones included |
 //! | added vertices | the full stride of each vertex that a chart border split, light attribute not counted twice |
 //! | atlas | every texel of every page at the file's bit depth, times 4/3 for a full mip chain |
+//! | tables | every entry of the colors that codes name |
 //! | fallback | `COLOR_0`, 4 bytes a vertex, only where it was added; listed apart: `--fallback none` saves it |
 
 use serde::{Deserialize, Serialize};
@@ -21,12 +22,15 @@ pub struct LightBytes {
     pub atlas: u64,
     /// Mip levels of the atlas.
     pub mips: u64,
+    /// Tables of colors, where codes name their entries.
+    #[serde(default)]
+    pub tables: u64,
 }
 
 impl LightBytes {
     /// All of it.
     pub fn total(&self) -> u64 {
-        self.attribute + self.added_vertices + self.atlas + self.mips
+        self.attribute + self.added_vertices + self.atlas + self.mips + self.tables
     }
 
     /// Bytes of the mip levels of an atlas of that many bytes: a full chain is a third more.
@@ -114,7 +118,7 @@ mod tests {
 
     #[test]
     fn light_bytes_total_is_the_sum() {
-        let light = LightBytes { attribute: 4, added_vertices: 36, atlas: 48, mips: LightBytes::mips_of(48) };
+        let light = LightBytes { attribute: 4, added_vertices: 36, atlas: 48, mips: LightBytes::mips_of(48), tables: 0 };
         assert_eq!(light.total(), 4 + 36 + 48 + 16);
     }
 }

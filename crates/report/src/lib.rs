@@ -197,11 +197,23 @@ pub struct Errors {
     pub color: ErrorSummary,
     /// The same, in texture triangles only.
     pub texture: ErrorSummary,
+    /// What the written file shows, layer by layer.
+    pub layers: Vec<LayerError>,
     /// What the bound says of all this.
     pub bound: BoundCheck,
     /// The nodes with most fresh points in texture triangles beyond the bound, most first: there texels are too
     /// coarse for the light.
     pub coarse: Vec<Coarse>,
+}
+
+/// The error of one layer.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct LayerError {
+    /// The layer's signal.
+    pub signal: String,
+    /// What the written file shows of it.
+    pub hybrid: ErrorSummary,
 }
 
 /// A node whose texels are too coarse for its light.

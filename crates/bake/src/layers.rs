@@ -1,0 +1,259 @@
+//! The layers of a bake: what their stored values mean, and what an error in them is.
+//!
+//! From here on light is in *unit values*, `0..=1` over the range of its layer ([`Scale`]). The range of light
+//! without an upper end is found in the first look at the samples. One bound serves all layers: an error is the
+//! difference of unit values in the layer's own unit, and that of a point is the largest over its channels.
+
+use lightkiln_light::{Curve, Domain, Estimates, Layer, Scale, Signal};
+
+use crate::options::CONFIDENCE;
+
+/// A layer with its scale.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BakedLayer {
+    /// What it is.
+    pub layer: Layer,
+    /// What its stored values mean.
+    pub scale: Scale,
+    /// The first of its channels among those of the bake.
+    pub first: usize,
+}
+
+impl BakedLayer {
+    /// Its channels among those of the bake.
+    pub fn channels(&self) -> std::ops::Range<usize> {
+        self.first..self.first + self.layer.channels
+    }
+}
+
+/// All layers of a bake.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layers {
+    /// In the order of their attributes.
+    pub layers: Vec<BakedLayer>,
+    /// Scale of each channel.
+    scales: Vec<Scale>,
+    /// Errors per unit value, by channel.
+    errors: Vec<f32>,
+}
+
+/// White is what so much of the lit surface does not exceed.
+const WHITE_QUANTILE: f64 = 0.95;
+
+/// The range of light goes up to its brightest sample times this: texels between samples may be brighter.
+const HEADROOM: f32 = 2.0;
+
+impl Layers {
+    /// Finds the scales of a signal's layers from a first look at it.
+    ///
+    /// - `weights`: of each point, 0 for those that do not count
+    /// - `white`: what counts as white in the unit of the light; the 95th percentile of the lit surface if none
+    pub fn new(signal: &dyn Signal, seen: &Estimates, weights: &[f32], white: Option<f32>) -> Self {
+        let layers = signal.layers();
+        let mut first = 0;
+        let firsts: Vec<usize> = layers
+            .iter()
+            .map(|layer| {
+                first += layer.channels;
+                first - layer.channels
+            })
+            .collect();
+        let white = white.unwrap_or_else(|| {
+            let unbounded = layers.iter().zip(&firsts).filter(|(l, _)| l.domain == Domain::Hdr);
+            unbounded.map(|(l, &first)| white_of(seen, weights, first, l.channels)).fold(0.0, f32::max)
+        });
+        let white = if white > 0.0 && white.is_finite() { white } else { 1.0 };
+        let scale = |layer: &Layer, first: usize| match layer.domain {
+            Domain::Bounded { low, high } => Scale::linear(low, high),
+            Domain::Hdr => {
+                Scale::log(white, 0.0, HEADROOM * brightest(seen, first, layer.channels).max(white))
+            }
+            Domain::SignedHdr => {
+                let high = HEADROOM * brightest(seen, first, layer.channels).max(white);
+                Scale::log(white, -high, high)
+            }
+        };
+        let baked = layers.iter().zip(firsts).map(|(l, first)| BakedLayer {
+            layer: l.clone(),
+            scale: scale(l, first),
+            first,
+        });
+        Self::of(baked.collect())
+    }
+
+    /// Layers whose scales are known.
+    pub fn of(layers: Vec<BakedLayer>) -> Self {
+        let scales: Vec<Scale> =
+            layers.iter().flat_map(|l| std::iter::repeat_n(l.scale, l.layer.channels)).collect();
+        let errors = scales.iter().map(|s| 1.0 / s.error_unit()).collect();
+        Self { layers, scales, errors }
+    }
+
+    /// Numbers of a point, over all layers.
+    pub fn channels(&self) -> usize {
+        self.scales.len()
+    }
+
+    /// Unit values and their noise.
+    pub fn light(&self, estimates: &Estimates) -> UnitLight {
+        let channels = self.channels();
+        let mut values = Vec::with_capacity(estimates.len() * channels);
+        let mut sigmas = Vec::with_capacity(estimates.len() * channels);
+        for i in 0..estimates.len() {
+            for (channel, (&x, scale)) in estimates.mean(i).iter().zip(&self.scales).enumerate() {
+                values.push(scale.to_unit(x));
+                sigmas.push(estimates.variance_of_mean(i, channel).sqrt() * scale.slope(x));
+            }
+        }
+        UnitLight { channels, values, sigmas }
+    }
+
+    /// Errors per unit value of each channel.
+    pub fn errors_per_unit(&self) -> &[f32] {
+        &self.errors
+    }
+
+    /// The largest error over the channels, and the noise of that channel, both as errors.
+    pub fn worst(&self, shown: &[f32], light: &[f32], sigmas: &[f32]) -> (f32, f32) {
+        let of = |c: usize| ((shown[c] - light[c]) * self.errors[c], sigmas[c] * self.errors[c]);
+        (1..self.channels())
+            .map(of)
+            .fold(of(0), |worst, next| if next.0.abs() > worst.0.abs() { next } else { worst })
+    }
+
+    /// Whether any channel is off by more than a bound, beyond its noise.
+    pub fn is_beyond(&self, shown: &[f32], light: &[f32], sigmas: &[f32], bound: f32) -> bool {
+        (0..self.channels())
+            .any(|c| ((shown[c] - light[c]).abs() - CONFIDENCE * sigmas[c]) * self.errors[c] > bound)
+    }
+
+    /// The standard error of a value as an error.
+    pub fn sigma(&self, channel: usize, value: f32, sigma: f32) -> f32 {
+        sigma * self.scales[channel].slope(value) * self.errors[channel]
+    }
+
+    /// The signal's own value of a stored one.
+    pub fn from_unit(&self, channel: usize, unit: f32) -> f32 {
+        self.scales[channel].from_unit(unit)
+    }
+
+    /// The stored value of a signal's own.
+    pub fn to_unit(&self, channel: usize, x: f32) -> f32 {
+        self.scales[channel].to_unit(x)
+    }
+
+    /// What a plain viewer shows of a stored value: that of a bounded layer as it is, light as a share of white.
+    pub fn displayed(&self, channel: usize, unit: f32) -> f32 {
+        let scale = &self.scales[channel];
+        match scale.curve {
+            Curve::Linear => unit,
+            Curve::Log { white } => (scale.from_unit(unit) / white).clamp(0.0, 1.0),
+        }
+    }
+}
+
+/// The brightest channel of a quantile of the lit surface.
+fn white_of(seen: &Estimates, weights: &[f32], first: usize, channels: usize) -> f32 {
+    let value = |i: usize| seen.mean(i)[first..first + channels].iter().copied().fold(0.0, f32::max);
+    let mut lit: Vec<(f32, f32)> =
+        (0..seen.len()).map(|i| (value(i), weights[i])).filter(|(v, w)| *v > 0.0 && *w > 0.0).collect();
+    lit.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = lit.iter().map(|(_, w)| f64::from(*w)).sum();
+    let mut so_far = 0.0;
+    let at = lit.iter().find(|(_, w)| {
+        so_far += f64::from(*w);
+        so_far >= WHITE_QUANTILE * total
+    });
+    at.map_or(0.0, |(v, _)| *v)
+}
+
+fn brightest(seen: &Estimates, first: usize, channels: usize) -> f32 {
+    let of = |i: usize| seen.mean(i)[first..first + channels].iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+    (0..seen.len()).map(of).filter(|v| v.is_finite()).fold(0.0, f32::max)
+}
+
+/// Light of many points in unit values, with its standard errors: flat arrays, points x channels.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct UnitLight {
+    /// Numbers a point.
+    pub channels: usize,
+    /// Unit values.
+    pub values: Vec<f32>,
+    /// Their standard errors.
+    pub sigmas: Vec<f32>,
+}
+
+impl UnitLight {
+    /// The values of a point.
+    #[inline]
+    pub fn value(&self, i: usize) -> &[f32] {
+        &self.values[i * self.channels..(i + 1) * self.channels]
+    }
+
+    /// Their standard errors.
+    #[inline]
+    pub fn sigma(&self, i: usize) -> &[f32] {
+        &self.sigmas[i * self.channels..(i + 1) * self.channels]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use lightkiln_mesh::{SurfacePoint, TriangleId};
+
+    use super::*;
+
+    /// Values that a key names.
+    struct Known(Vec<Layer>);
+
+    impl Signal for Known {
+        fn layers(&self) -> &[Layer] {
+            &self.0
+        }
+        fn rays_per_batch(&self) -> u32 {
+            16
+        }
+        fn batch(&self, _: SurfacePoint, key: u64, _: u32, out: &mut [f32]) -> f32 {
+            out.iter_mut().enumerate().for_each(|(c, v)| *v = key as f32 * (c + 1) as f32);
+            0.0
+        }
+    }
+
+    fn seen(signal: &Known, points: u64) -> Estimates {
+        let at = SurfacePoint { triangle: TriangleId(0), barycentric: [0.2, 0.2] };
+        let mut estimates = Estimates::new(points as usize, signal.channels());
+        let keys: Vec<u64> = (1..=points).collect();
+        estimates.refine(signal, &vec![at; points as usize], &keys, &vec![2; points as usize]);
+        estimates
+    }
+
+    #[test]
+    fn layers_of_light_take_white_from_the_lit_surface_and_keep_headroom() {
+        let light = Layer { channels: 3, domain: Domain::Hdr, ..Layer::scalar("irradiance") };
+        let signal = Known(vec![Layer::scalar("ambientOcclusion"), light]);
+        let estimates = seen(&signal, 100);
+        let layers = Layers::new(&signal, &estimates, &[1.0; 100], None);
+        assert_eq!(layers.layers[0].scale, Scale::UNIT);
+        assert_eq!(layers.layers[1].channels(), 1..4);
+        // The brightest channel is four times the key: 95 of 100 do not exceed 380; the largest is 400.
+        assert_eq!(layers.layers[1].scale, Scale::log(380.0, 0.0, 800.0));
+        let given = Layers::new(&signal, &estimates, &[1.0; 100], Some(50.0));
+        assert_eq!(given.layers[1].scale, Scale::log(50.0, 0.0, 800.0));
+        let unit = layers.light(&estimates);
+        assert!((layers.from_unit(1, unit.value(9)[1]) - 20.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn layers_judge_by_the_worst_channel_in_its_own_unit() {
+        let light = Layer { channels: 1, domain: Domain::Hdr, ..Layer::scalar("irradiance") };
+        let layers = Layers::of(vec![
+            BakedLayer { layer: Layer::scalar("ambientOcclusion"), scale: Scale::UNIT, first: 0 },
+            BakedLayer { layer: light, scale: Scale::log(1.0, 0.0, 1e4), first: 1 },
+        ]);
+        // A step of 0.01 unit values of light is more than twice that on the way from black to white.
+        let (error, noise) = layers.worst(&[0.52, 0.41], &[0.5, 0.4], &[0.001, 0.001]);
+        assert!(error > 0.02 && noise > 0.002, "{error} {noise}");
+        assert!(layers.is_beyond(&[0.52, 0.41], &[0.5, 0.4], &[0.0, 0.0], 0.03));
+        assert!(!layers.is_beyond(&[0.52, 0.41], &[0.5, 0.4], &[0.0, 0.01], 0.03));
+    }
+}
