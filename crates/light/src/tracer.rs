@@ -32,6 +32,24 @@ pub trait Surfaces: Sync {
     ///
     /// - `barycentric`: weights of the second and third corner
     fn opacity(&self, triangle: TriangleId, barycentric: [f32; 2]) -> f32;
+    /// The share of light that a point reflects diffusely, for red, green and blue, in `0.0..=0.95` (more is cut
+    /// off); of a translucent surface, the share of the light that [`Self::opacity`] keeps. A middle grey if not
+    /// told otherwise.
+    fn albedo(&self, triangle: TriangleId, barycentric: [f32; 2]) -> Vec3 {
+        let _ = (triangle, barycentric);
+        Vec3::splat(0.5)
+    }
+    /// The radiance with which a point shines by itself, cd/m2, in all directions of its front, and of its back where
+    /// it is double-sided. None if not told otherwise.
+    fn emission(&self, triangle: TriangleId, barycentric: [f32; 2]) -> Vec3 {
+        let _ = (triangle, barycentric);
+        Vec3::ZERO
+    }
+    /// The share of light that goes straight on behind a point, for red, green and blue, in `0..=1`. Asked only where
+    /// the flags say translucent; `1 - opacity` if not told otherwise.
+    fn transmission(&self, triangle: TriangleId, barycentric: [f32; 2]) -> Vec3 {
+        Vec3::splat(1.0 - self.opacity(triangle, barycentric))
+    }
 }
 
 /// Every triangle opaque and single-sided.
@@ -189,6 +207,32 @@ impl<'a> Tracer<'a> {
     }
 }
 
+impl Tracer<'_> {
+    /// As [`Self::transmittances`], in red, green and blue: the product of the [`Surfaces::transmission`] of what is
+    /// in the way.
+    ///
+    /// - `directions`: of unit length
+    /// - `limits`: how far each ray looks, in the tracer's coordinates
+    pub(crate) fn tints(&self, origin: Origin, directions: &[Vec3], limits: &[f32], tints: &mut [Vec3]) {
+        let rays = directions.chunks(BUNDLE).zip(limits.chunks(BUNDLE));
+        for ((directions, limits), tints) in rays.zip(tints.chunks_mut(BUNDLE)) {
+            let mut bundle = Bundle::new(origin.position.to_array());
+            for (direction, &limit) in directions.iter().zip(limits) {
+                bundle.push(direction.to_array(), limit);
+            }
+            let mut visitor = Tinted { surfaces: self.surfaces, tints: [Vec3::ONE; BUNDLE] };
+            let walk = Walk { tree: &self.tree, bundle: &mut bundle, visitor: &mut visitor };
+            lanes::dispatch(self.path, walk);
+            tints.copy_from_slice(&visitor.tints[..tints.len()]);
+        }
+    }
+
+    /// The tracer's units in one unit of the world.
+    pub(crate) fn scale(&self) -> f32 {
+        self.scale as f32
+    }
+}
+
 /// A bundle of unit directions, and the lengths that the given ones had.
 ///
 /// The walk's error bounds hold for unit directions. Those that are so within a thousandth stay as they are.
@@ -288,16 +332,59 @@ impl Visitor for Through<'_> {
 impl Through<'_> {
     #[cold]
     fn weaken(&mut self, ray: usize, limit: f32, block: &Block, lanes: u32, edges: [[f32; WIDTH]; 3]) -> f32 {
-        for lane in (0..WIDTH).filter(|lane| lanes & (1 << lane) != 0) {
-            // Without the widening of the edges: where two panes meet, a ray is to be weakened once.
-            let [a, b, c] = edges.map(|edge| edge[lane]);
-            if a.min(b).min(c) < 0.0 && a.max(b).max(c) > 0.0 {
-                continue;
-            }
-            let triangle = TriangleId(block.triangles[lane]);
-            let opacity = self.surfaces.opacity(triangle, barycentric(edges, lane));
+        for (triangle, barycentric) in panes(block, lanes, edges) {
+            let opacity = self.surfaces.opacity(triangle, barycentric);
             self.through[ray] *= 1.0 - opacity.clamp(0.0, 1.0);
         }
         if self.through[ray] > 0.0 { limit } else { 0.0 }
     }
+}
+
+struct Tinted<'a> {
+    surfaces: &'a dyn Surfaces,
+    tints: [Vec3; BUNDLE],
+}
+
+impl Visitor for Tinted<'_> {
+    #[inline(always)]
+    fn meet<L: Lanes>(
+        &mut self,
+        ray: usize,
+        limit: f32,
+        block: &Block,
+        lanes: u32,
+        _t: L,
+        edges: [L; 3],
+    ) -> f32 {
+        if lanes & !block.translucent != 0 {
+            self.tints[ray] = Vec3::ZERO;
+            return 0.0;
+        }
+        self.tint(ray, limit, block, lanes, edges.map(L::store))
+    }
+}
+
+impl Tinted<'_> {
+    #[cold]
+    fn tint(&mut self, ray: usize, limit: f32, block: &Block, lanes: u32, edges: [[f32; WIDTH]; 3]) -> f32 {
+        for (triangle, barycentric) in panes(block, lanes, edges) {
+            let tint = self.surfaces.transmission(triangle, barycentric);
+            self.tints[ray] *= tint.clamp(Vec3::ZERO, Vec3::ONE);
+        }
+        if self.tints[ray] != Vec3::ZERO { limit } else { 0.0 }
+    }
+}
+
+/// The triangles of a block that a ray goes through, without the widening of the edges: where two panes meet, a ray is
+/// to be weakened once.
+fn panes(
+    block: &Block,
+    lanes: u32,
+    edges: [[f32; WIDTH]; 3],
+) -> impl Iterator<Item = (TriangleId, [f32; 2])> {
+    (0..WIDTH).filter(move |lane| lanes & (1 << lane) != 0).filter_map(move |lane| {
+        let [a, b, c] = edges.map(|edge| edge[lane]);
+        let outside = a.min(b).min(c) < 0.0 && a.max(b).max(c) > 0.0;
+        (!outside).then(|| (TriangleId(block.triangles[lane]), barycentric(edges, lane)))
+    })
 }
