@@ -1,5 +1,5 @@
 // Lightkiln, fragment stage: functions for GLSL ES 3.00. Schaefer et al. 2012, section 4.3; CPU twin:
-// crates/encode/src/decode.rs, `fragment`, `AtlasView::lookup` and `unscale`, and crates/encode/src/sh.rs.
+// crates/encode/src/decode.rs, `fragment`, `AtlasView::lookup` and `unscale`, and crates/light/src/harmonics.rs.
 //
 // Each layer: `unit = C + eta * tex(UV / eta)`, then the way back from unit values to the signal's own unit.
 // The atlas has one layer per page: LINEAR, CLAMP_TO_EDGE, not sRGB.

@@ -1,5 +1,5 @@
 // Lightkiln: functions of both stages. Schaefer et al. 2012, sections 4.3 and 4.4; CPU twin: crates/encode/src/decode.rs
-// and sh.rs. The comments of the GLSL files apply.
+// and crates/light/src/harmonics.rs. The comments of the GLSL files apply.
 //
 // `code` is the attribute `_LIGHTUV` (or `_LIGHTUV_1` ...), vertex format uint16x2.
 

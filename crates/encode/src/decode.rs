@@ -329,6 +329,7 @@ pub fn unscale(unit: f32, scale: ShaderScale) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lightkiln_light::scale::{Curve, KNEE, Scale};
 
     fn place(u: f32, v: f32) -> LightCode {
         LightCode::texture([u, v]).expect("in range")
@@ -368,6 +369,22 @@ mod tests {
             let shown = decode_scalar(codes, [b, c], &atlas);
             assert!((shown - expected).abs() < 2e-5, "{shown} {expected}");
         }
+    }
+
+    #[test]
+    fn decode_undoes_the_scale_of_the_light() {
+        for (curve, white) in [(Curve::Log { white: 500.0 }, 500.0), (Curve::Linear, 0.0)] {
+            for (low, high) in [(0.0, 2000.0), (-8000.0, 8000.0), (3.0, 4.0)] {
+                let scale = Scale { curve, low, high };
+                let [from, to] = [low, high].map(|x| scale.perceived(x));
+                let uniform = ShaderScale { low: from, extent: to - from, white };
+                for unit in [-0.1, 0.0, 0.25, 0.5, 0.999, 1.0, 1.2] {
+                    let (shown, expected) = (unscale(unit, uniform), scale.from_unit(unit));
+                    assert!((shown - expected).abs() < 1e-4 * (1.0 + expected.abs()), "{shown} {expected}");
+                }
+            }
+        }
+        assert_eq!((CURVE_KNEE, CURVE_BASE), (KNEE, 1.0 + KNEE));
     }
 
     #[test]

@@ -13,7 +13,6 @@
 //! | [`promote`] | color triangles that cost fewer bytes as texture triangles |
 //! | [`encode`](mod@encode) | charts, packing and vertex values into [`Codes`] |
 //! | [`decode`](mod@decode) | codes, barycentric coordinates and atlas into light, as a GPU does |
-//! | [`sh`] | irradiance from coefficients and a normal, as a GPU does |
 
 #[cfg(test)]
 mod cases;
@@ -23,7 +22,6 @@ pub mod decode;
 pub mod encode;
 pub mod mixed;
 pub mod promote;
-pub mod sh;
 #[cfg(test)]
 mod shaders;
 pub mod table;

@@ -1,5 +1,7 @@
 //! The files in `shaders/`: they have our constants, and both languages are valid.
 
+use glam::Vec3;
+use lightkiln_light::harmonics;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Module, ShaderStage};
 
@@ -62,6 +64,44 @@ fn shader_constants_are_ours() {
             let words = line.split(|c: char| !c.is_ascii_alphanumeric() && c != '.' && c != '_');
             let mut numbers = words.filter_map(|word| word.parse::<f64>().ok());
             assert!(numbers.all(|number| number <= 9.0 && number.fract() == 0.0), "{line}");
+        }
+    }
+}
+
+#[test]
+fn shader_harmonics_are_those_of_the_light() {
+    let factor = |name: &str| {
+        let named = FRAGMENT_CONSTANTS.iter().find(|(constant, _)| constant.ends_with(name));
+        named.expect("a constant").1[0] as f32
+    };
+    let [constant, linear, product] = ["CONSTANT", "LINEAR", "PRODUCT"].map(factor);
+    let [axis, difference] = ["AXIS", "DIFFERENCE"].map(factor);
+    let n = Vec3::new(0.48, -0.6, 0.64);
+    // As the shaders have them: sh[k] times these.
+    let ours = [
+        constant,
+        linear * n.y,
+        linear * n.z,
+        linear * n.x,
+        product * (n.x * n.y),
+        product * (n.y * n.z),
+        axis * (3.0 * n.z * n.z - 1.0),
+        product * (n.x * n.z),
+        difference * (n.x * n.x - n.y * n.y),
+    ];
+    for (ours, light) in ours.iter().zip(harmonics::basis(n)) {
+        assert!((ours - light).abs() < 1e-6, "{ours} {light}");
+    }
+    // The statements themselves, in both languages.
+    for source in [FRAGMENT, WGSL] {
+        for statement in [
+            "LIGHTKILN_SH_LINEAR * (sh[1] * n.y + sh[2] * n.z + sh[3] * n.x)",
+            "LIGHTKILN_SH_LINEAR * (sh[1] * normal.y + sh[2] * normal.z + sh[3] * normal.x)",
+            "LIGHTKILN_SH_PRODUCT * (sh[4] * (n.x * n.y) + sh[5] * (n.y * n.z) + sh[7] * (n.x * n.z))",
+            "LIGHTKILN_SH_AXIS * sh[6] * (3.0 * n.z * n.z - 1.0)",
+            "LIGHTKILN_SH_DIFFERENCE * sh[8] * (n.x * n.x - n.y * n.y)",
+        ] {
+            assert!(source.contains(statement), "{statement}");
         }
     }
 }
