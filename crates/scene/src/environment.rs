@@ -118,12 +118,6 @@ type Pixels = ([usize; 2], Vec<[f32; 3]>);
 fn decode_radiance(bytes: &[u8]) -> Result<Pixels, SceneError> {
     let decoder = HdrDecoder::new_nonstrict(Cursor::new(bytes)).map_err(|e| broken("Radiance", &e))?;
     let header = decoder.metadata();
-    let text = |key: &str| {
-        header.custom_attributes.iter().find(|(k, _)| k.eq_ignore_ascii_case(key)).map(|(_, v)| v.trim())
-    };
-    if text("FORMAT").is_some_and(|f| f.eq_ignore_ascii_case("32-bit_rle_xyze")) {
-        return Err(wrong("its colors are CIE XYZ; convert it to 32-bit_rle_rgbe"));
-    }
     // The file says what its pixels were multiplied by.
     let exposure = header.exposure.unwrap_or(1.0);
     let color = header.color_correction.unwrap_or((1.0, 1.0, 1.0));

@@ -148,7 +148,7 @@ fn read_spot(json: &Value) -> Result<LightKind, SceneError> {
     let outer = positive(spot, "outerConeAngle", std::f64::consts::FRAC_PI_4)?;
     // Angles come in single precision from most exporters, so the right angle may be a little more than it is.
     let right = std::f64::consts::FRAC_PI_2;
-    if outer <= 0.0 || outer > right + 1e-3 {
+    if !(1e-6..=right + 1e-3).contains(&outer) {
         return Err(value("spot.outerConeAngle", outer, "more than 0, at most pi / 2"));
     }
     if inner > outer + 1e-3 {

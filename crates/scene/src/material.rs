@@ -177,7 +177,7 @@ fn read_factors(json: &Value, options: &ReadOptions) -> Material {
         transmission,
         double_sided: json.get("doubleSided").and_then(Value::as_bool).unwrap_or(false),
         base_color: [r, g, b],
-        emission: emissive.unwrap_or([0.0; 3]).map(|e| (e.max(0.0) as f32 * strength).min(f32::MAX)),
+        emission: emissive.unwrap_or([0.0; 3]).map(|e| (e.clamp(0.0, 1e30) as f32 * strength).min(1e30)),
         unlit,
         coverage: None,
         base: None,

@@ -106,17 +106,31 @@ fn mutate(seed: &[u8], random: &mut Random) -> Vec<u8> {
 }
 
 fn exercise(bytes: &[u8], folder: &Folder, deep: bool) -> bool {
-    let options = ReadOptions { max_triangles: 1 << 18, ..ReadOptions::default() };
+    let plain = ReadOptions { max_triangles: 1 << 18, ..ReadOptions::default() };
+    let variant = bytes.len().is_multiple_of(2).then(|| "b".to_owned());
+    let lit = ReadOptions { surfaces: true, variant, ..plain.clone() };
+    // Files that have no such variant are read as well.
+    let options = if deep || Scene::read_bytes(bytes, &lit).is_err() { plain } else { lit };
     let Ok(scene) = Scene::read_bytes(bytes, &options) else { return false };
     for (p, part) in scene.parts.iter().enumerate() {
         for t in (0..part.triangles.len()).take(8) {
             let opacity = scene.triangle_opacity(p, t, [0.25, 0.5]);
             assert!((0.0..=1.0).contains(&opacity), "{opacity}");
             let _ = scene.triangle_flags(p, t);
+            let passes = scene.triangle_transmission(p, t, [0.25, 0.5]);
+            assert!(passes.iter().all(|x| (0.0..=1.0001 - opacity).contains(x)), "{passes:?} {opacity}");
+            let albedo = scene.triangle_albedo(p, t, [0.25, 0.5]);
+            assert!(albedo.iter().all(|x| (0.0..=1.0).contains(x)), "{albedo:?}");
+            let emission = scene.triangle_emission(p, t, [0.25, 0.5]);
+            assert!(emission.iter().all(|x| x.is_finite() && *x >= 0.0), "{emission:?}");
         }
         assert!(part.positions.iter().chain(&part.normals).all(|v| v.is_finite()));
         assert!(part.triangles.iter().flatten().all(|&v| (v as usize) < part.positions.len()));
     }
+    assert_eq!(scene.moving_parts().len(), scene.parts.len());
+    assert!(scene.emissive_triangles().iter().all(|t| t.mean_emission.iter().all(|x| x.is_finite())));
+    assert!(scene.lights.iter().all(|l| l.position.is_finite() && l.direction.is_finite()));
+    let _ = scene.select(&["*".to_owned()], &[]);
     let _ = scene.read_lightmap();
     let _ = scene.read_fallback();
     if deep {
@@ -130,8 +144,31 @@ fn exercise(bytes: &[u8], folder: &Folder, deep: bool) -> bool {
     true
 }
 
+/// The rich file with all that a path tracer asks for.
+fn lit() -> Gltf {
+    let mut g = rich();
+    g.json["extensions"] = json!({
+        "KHR_lights_punctual": {"lights": [
+            {"type": "spot", "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.5}, "range": 3},
+            {"type": "directional", "intensity": 2, "color": [1, 0.5, 0.25]}]},
+        "KHR_materials_variants": {"variants": [{"name": "a"}, {"name": "b"}]}});
+    g.json["nodes"][2]["extensions"] = json!({"KHR_lights_punctual": {"light": 0}});
+    g.json["nodes"][3]["extensions"] = json!({"KHR_lights_punctual": {"light": 1}});
+    g.json["nodes"][0]["extras"] = json!({"lightkiln": {"cast": false}});
+    g.json["materials"][0]["emissiveFactor"] = json!([1, 0.5, 0.25]);
+    g.json["materials"][0]["emissiveTexture"] = json!({"index": 0, "texCoord": 0});
+    g.json["materials"][1]["extensions"]["KHR_materials_transmission"]["transmissionTexture"] =
+        json!({"index": 0});
+    g.json["materials"][1]["extensions"]["KHR_materials_emissive_strength"] = json!({"emissiveStrength": 10});
+    g.json["materials"][1]["extensions"]["KHR_materials_pbrSpecularGlossiness"] =
+        json!({"diffuseFactor": [1, 0.5, 1, 0.5], "diffuseTexture": {"index": 0}});
+    g.json["meshes"][0]["primitives"][0]["extensions"]["KHR_materials_variants"]["mappings"] =
+        json!([{"material": 1, "variants": [0, 1]}]);
+    g
+}
+
 fn seeds() -> Vec<Vec<u8>> {
-    let mut out = vec![Gltf::quad().glb(), rich().glb()];
+    let mut out = vec![Gltf::quad().glb(), rich().glb(), lit().glb()];
     // Baked files: undoing them is code too.
     let folder = Folder::new("fuzz-seed");
     let scene = rich().read().unwrap();
@@ -141,7 +178,7 @@ fn seeds() -> Vec<Vec<u8>> {
         out.push(std::fs::read(&baked).unwrap());
     }
     let scenes = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/scenes");
-    for name in ["duck.draco.glb", "cornell_box_original.glb"] {
+    for name in ["duck.draco.glb", "cornell_box_original.glb", "sunglasses.glb"] {
         match std::fs::read(scenes.join(name)) {
             Ok(bytes) => out.push(bytes),
             Err(_) => println!("no {name}: its damage is not tried"),
