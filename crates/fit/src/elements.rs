@@ -61,8 +61,8 @@ impl Flap {
     /// the factor that makes it equal to eq. 13 on two equal equilateral triangles in one plane.
     ///
     /// Deviation from eq. 13: both gradients are scaled alike, and compared after unfolding, so that linear
-    /// functions cost nothing; coefficients never exceed 1 and the weight never exceeds four times the
-    /// smaller area, so that slivers neither blow up the term nor the condition of the system.
+    /// functions cost nothing; coefficients never exceed 1 and the weight never exceeds 16 / √3 ≈ 9.2
+    /// times the smaller area, so that slivers neither blow up the term nor the condition of the system.
     #[inline]
     pub fn unfolded(&self, mesh: &Mesh) -> Option<Element> {
         let places = self.positions(mesh);

@@ -37,6 +37,23 @@ pub fn energy(
     variances: Option<&[f32]>,
     values: &[f32],
 ) -> Result<Vec<Energy>, FitError> {
+    energy_shown(mesh, observations, variances, values, None)
+}
+
+/// [`energy`] where interpolated values are clamped to a range before they are shown
+/// ([`crate::Bounds::ClampAfterInterpolation`]).
+///
+/// # Errors
+/// As [`energy`].
+pub fn energy_shown(
+    mesh: &Mesh,
+    observations: &Observations<'_>,
+    variances: Option<&[f32]>,
+    values: &[f32],
+    shown: Option<(f32, f32)>,
+) -> Result<Vec<Energy>, FitError> {
+    // Not `clamp`, which refuses a range that is none.
+    let (low, high) = shown.map_or((f64::NEG_INFINITY, f64::INFINITY), |(l, h)| (l.into(), h.into()));
     let observed = ByTriangle::new(mesh, *observations)?;
     let channels = observed.channels();
     if values.len() != mesh.vertex_count() * channels
@@ -56,6 +73,7 @@ pub fn energy(
                     .zip(seen.barycentric)
                     .map(|(v, b)| b * f64::from(values[v.index() * channels + c]))
                     .sum();
+                let g = g.max(low).min(high);
                 energy.measured += seen.weight * (f64::from(f) - g).powi(2);
                 if let Some(variances) = variances {
                     energy.noise += seen.weight * f64::from(variances[seen.index as usize * channels + c]);

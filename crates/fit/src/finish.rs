@@ -106,10 +106,8 @@ impl System<'_> {
     ) {
         let channels = self.observed.channels();
         for &v in &self.vertex_of {
-            for value in &values[v as usize * channels..(v as usize + 1) * channels][block.clone()] {
-                report.below += usize::from(*value < low);
-                report.above += usize::from(*value > high);
-                report.farthest_outside = report.farthest_outside.max(low - *value).max(*value - high);
+            for &value in &values[v as usize * channels..(v as usize + 1) * channels][block.clone()] {
+                report.count_outside(value, low, high);
             }
         }
     }

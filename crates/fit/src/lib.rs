@@ -38,9 +38,11 @@ pub mod system;
 
 use lightkiln_mesh::{Adjacency, Mesh};
 
-pub use energy::{Energy, Look, energy, look};
+pub use energy::{Energy, Look, energy, energy_shown, look};
 pub use observations::Observations;
-pub use options::{Bounds, Fit, FitError, FitOptions, FitReport, Held, Mass, Method, Regularizer, Solver};
+pub use options::{
+    Bounds, Fit, FitError, FitOptions, FitReport, Held, Mass, Method, Regularizer, Solver, Unsolved,
+};
 pub use system::System;
 
 /// Fits one value per light vertex and channel to observations of a signal.

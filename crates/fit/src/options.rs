@@ -1,5 +1,7 @@
 //! What a caller chooses, and what it is told.
 
+use faer::sparse::FaerError;
+
 /// Where the mass matrix of a least-squares fit comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mass {
@@ -198,12 +200,20 @@ pub struct FitReport {
     pub non_manifold_edges: usize,
     /// Triangles of no area.
     pub degenerate_triangles: usize,
+    /// Triangles without an observation that counts.
+    pub unseen_triangles: usize,
+    /// Sheets of one triangle.
+    pub single_triangles: usize,
+    /// Vertices in the very place of a neighbour, or named twice by a triangle: an edge there has no length.
+    pub coincident_vertices: usize,
     /// Unknown values below the lower bound before bounds were applied.
     pub below: usize,
     /// Unknown values above the upper bound before bounds were applied.
     pub above: usize,
     /// How far the worst value was outside.
     pub farthest_outside: f32,
+    /// How far all of them were outside, added up; see [`FitReport::mean_outside`].
+    pub outside_sum: f64,
     /// Values at a bound after [`Bounds::Optimum`].
     pub active_bounds: usize,
     /// Most steps that [`Bounds::Optimum`] took for any sheet and channel.
@@ -212,6 +222,22 @@ pub struct FitReport {
     pub optimum_unmet: usize,
     /// The shader must clamp after interpolation.
     pub clamp_after_interpolation: bool,
+}
+
+impl FitReport {
+    /// How far values outside the bounds were outside, on average; 0 where none was.
+    pub fn mean_outside(&self) -> f64 {
+        self.outside_sum / (self.below + self.above).max(1) as f64
+    }
+
+    /// Counts a value that lies outside a range.
+    pub(crate) fn count_outside(&mut self, value: f32, low: f32, high: f32) {
+        self.below += usize::from(value < low);
+        self.above += usize::from(value > high);
+        let excess = (low - value).max(value - high).max(0.0);
+        self.farthest_outside = self.farthest_outside.max(excess);
+        self.outside_sum += f64::from(excess);
+    }
 }
 
 /// What a fit refuses.
@@ -287,12 +313,47 @@ pub enum FitError {
         /// How many.
         count: usize,
     },
-    /// A sheet could be solved by no solver within the memory limit.
-    #[error("sheet of {unknowns} unknowns could not be solved: {reason}")]
+    /// A sheet could be solved by no solver.
+    #[error("sheet of {unknowns} unknowns: {cause}")]
     Unsolved {
-        /// Unknowns of the sheet.
+        /// Unknowns of the sheet, or of the block of it that failed.
         unknowns: usize,
-        /// Why.
-        reason: String,
+        /// What failed.
+        cause: Unsolved,
     },
+}
+
+/// Why a sheet has no solution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unsolved {
+    /// Conjugate gradients did not converge, and the factor that follows them was not to be had.
+    #[error("no convergence in {iterations} iterations")]
+    NotConverged {
+        /// How many they were given.
+        iterations: usize,
+    },
+    /// The factor does not fit the memory of the machine.
+    #[error("no memory for a factor of {entries} entries")]
+    OutOfMemory {
+        /// Entries of the factor; 0 where not even its structure fits.
+        entries: usize,
+    },
+    /// The factor has more entries than 32-bit ids can name.
+    #[error("a factor beyond 32-bit ids")]
+    TooManyEntries,
+    /// The matrix is not positive definite.
+    #[error("pivot {pivot} is not positive")]
+    Pivot {
+        /// Number of the pivot, in the order of elimination.
+        pivot: usize,
+    },
+}
+
+impl From<FaerError> for Unsolved {
+    fn from(error: FaerError) -> Self {
+        match error {
+            FaerError::IndexOverflow => Self::TooManyEntries,
+            _ => Self::OutOfMemory { entries: 0 },
+        }
+    }
 }

@@ -1,9 +1,9 @@
 //! Averages and point samples: what the paper compares least squares to.
 
-use lightkiln_mesh::{Fans, Mesh, VertexId};
+use lightkiln_mesh::{Fans, Mesh, VertexId, sheets};
 
 use crate::observations::ByTriangle;
-use crate::system::{check, hat};
+use crate::system::{check, coincides, hat};
 use crate::{Bounds, Fit, FitError, FitOptions, FitReport, Held, Method, Observations};
 
 /// Values by [`Method::Average`] (Kavan eq. 8) or [`Method::PointSample`].
@@ -31,6 +31,15 @@ pub fn fit(
         not_finite_observations: observed.not_finite,
         ..FitReport::default()
     };
+    let (sheet_of, sheets) = sheets(mesh);
+    let mut triangles = vec![0_usize; sheets];
+    for t in mesh.triangle_ids() {
+        triangles[sheet_of[t.index()] as usize] += 1;
+        report.degenerate_triangles += usize::from(mesh.area(t) <= 0.0);
+        report.unseen_triangles += usize::from(observed.count(t) == 0);
+    }
+    report.single_triangles = triangles.iter().filter(|&&n| n == 1).count();
+    report.coincident_vertices = (0..vertices as u32).filter(|&v| coincides(mesh, &fans, v)).count();
     let mut sums = vec![0.0_f64; vertices * channels];
     let mut known = vec![false; vertices];
     for v in 0..vertices {
@@ -89,9 +98,7 @@ pub fn fit(
         report.clamp_after_interpolation = matches!(options.bounds, Bounds::ClampAfterInterpolation { .. });
         for v in (0..vertices).filter(|&v| !is_held(v)) {
             for value in &mut values[v * channels..(v + 1) * channels] {
-                report.below += usize::from(*value < low);
-                report.above += usize::from(*value > high);
-                report.farthest_outside = report.farthest_outside.max(low - *value).max(*value - high);
+                report.count_outside(*value, low, high);
                 if !report.clamp_after_interpolation {
                     *value = value.clamp(low, high);
                 }

@@ -6,7 +6,7 @@
 use std::sync::OnceLock;
 
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::LltRegularization;
+use faer::linalg::cholesky::llt::factor::{LltError, LltRegularization};
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
 };
@@ -19,7 +19,7 @@ use crate::chebyshev::Chebyshev;
 use crate::pcg;
 use crate::schwarz::Schwarz;
 use crate::system::Sheet;
-use crate::{FitError, FitOptions, FitReport, Solver};
+use crate::{FitError, FitOptions, FitReport, Solver, Unsolved};
 
 /// Sheets up to this many unknowns are solved by a dense factor.
 const DENSE: usize = 48;
@@ -181,7 +181,7 @@ impl Iterative {
                         None => {
                             return Err(FitError::Unsolved {
                                 unknowns: sheet.unknowns().len(),
-                                reason: "no solver converged".into(),
+                                cause: Unsolved::NotConverged { iterations: PATIENCE },
                             });
                         }
                     },
@@ -269,7 +269,10 @@ impl Sparse {
     pub fn of_subset(rows: &Rows, first: usize, members: &[u32]) -> Result<Self, FitError> {
         let local = |c: u32| members.binary_search(&c).ok().map(|c| c as u32);
         let found = Self::of(rows, first, members.len(), &|r| members[r], &local, None, usize::MAX)?;
-        found.ok_or(FitError::Unsolved { unknowns: members.len(), reason: "no room for a block".into() })
+        found.ok_or(FitError::Unsolved {
+            unknowns: members.len(),
+            cause: Unsolved::OutOfMemory { entries: 0 },
+        })
     }
 
     pub fn entries(&self) -> usize {
@@ -286,7 +289,7 @@ impl Sparse {
         symbolic: Option<SymbolicCholesky<u32>>,
         limit: usize,
     ) -> Result<Option<Self>, FitError> {
-        let unsolved = |reason: String| FitError::Unsolved { unknowns: n, reason };
+        let unsolved = |cause: Unsolved| FitError::Unsolved { unknowns: n, cause };
         let global = |r: usize| first + member(r) as usize;
         let scale: Vec<f64> = (0..n).map(|r| 1.0 / rows.diagonal(global(r)).sqrt()).collect();
         // Row by row up to the diagonal is column by column down to it: the upper half.
@@ -312,14 +315,15 @@ impl Sparse {
                 SymmetricOrdering::Amd,
                 CholeskySymbolicParams::default(),
             )
-            .map_err(|error| unsolved(format!("{error:?}")))?,
+            .map_err(|error| unsolved(error.into()))?,
         };
         if symbolic.len_val().saturating_mul(8) > limit {
             return Ok(None);
         }
         let mut values = vec![0.0; symbolic.len_val()];
         let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
-        let mut memory = MemBuffer::try_new(scratch).map_err(|_| unsolved("out of memory".into()))?;
+        let mut memory = MemBuffer::try_new(scratch)
+            .map_err(|_| unsolved(Unsolved::OutOfMemory { entries: symbolic.len_val() }))?;
         let regularization = LltRegularization {
             dynamic_regularization_delta: LEAST_PIVOT,
             dynamic_regularization_epsilon: LEAST_PIVOT,
@@ -334,7 +338,7 @@ impl Sparse {
                 MemStack::new(&mut memory),
                 Default::default(),
             )
-            .map_err(|error| unsolved(format!("{error:?}")))?;
+            .map_err(|LltError::NonPositivePivot { index }| unsolved(Unsolved::Pivot { pivot: index }))?;
         Ok(Some(Self { scale, symbolic, values }))
     }
 

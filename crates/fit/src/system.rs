@@ -77,6 +77,7 @@ struct Run {
     area: f64,
     triangles: usize,
     degenerate: usize,
+    unseen: usize,
     weight: f64,
     /// By channel: weighted sum, smallest and largest observation.
     ranges: Vec<[f64; 3]>,
@@ -173,7 +174,7 @@ impl<'a> System<'a> {
         let mut weight = vec![0.0; count];
         let mut ranges = vec![[0.0, f64::INFINITY, f64::NEG_INFINITY]; count * channels];
         let mut total = vec![0.0; channels];
-        let mut degenerate = 0;
+        let (mut degenerate, mut unseen) = (0, 0);
         let runs: Vec<Vec<Run>> = (0..mesh.triangle_count().div_ceil(CHUNK))
             .into_par_iter()
             .map(|c| self.runs(&sheet_of, c * CHUNK..((c + 1) * CHUNK).min(mesh.triangle_count())))
@@ -183,6 +184,7 @@ impl<'a> System<'a> {
             area[sheet] += run.area;
             triangles[sheet] += run.triangles;
             degenerate += run.degenerate;
+            unseen += run.unseen;
             weight[sheet] += run.weight;
             let all = &mut ranges[sheet * channels..(sheet + 1) * channels];
             for ((range, total), part) in all.iter_mut().zip(&mut total).zip(run.ranges) {
@@ -267,6 +269,8 @@ impl<'a> System<'a> {
         self.report.not_finite_observations = self.observed.not_finite;
         self.report.non_manifold_edges = self.adjacency.non_manifold_edges();
         self.report.degenerate_triangles = degenerate;
+        self.report.unseen_triangles = unseen;
+        self.report.single_triangles = triangles.iter().filter(|&&n| n == 1).count();
         self.report.unknowns = vertex_of.len();
         self.report.sheets = list.iter().filter(|s| s.last > s.first).count();
         self.unknown_of = unknown_of;
@@ -285,13 +289,22 @@ impl<'a> System<'a> {
             let sheet = sheet_of[t.index()];
             if runs.last().is_none_or(|run| run.sheet != sheet) {
                 let ranges = vec![[0.0, f64::INFINITY, f64::NEG_INFINITY]; channels];
-                runs.push(Run { sheet, area: 0.0, triangles: 0, degenerate: 0, weight: 0.0, ranges });
+                runs.push(Run {
+                    sheet,
+                    area: 0.0,
+                    triangles: 0,
+                    degenerate: 0,
+                    unseen: 0,
+                    weight: 0.0,
+                    ranges,
+                });
             }
             let run = runs.last_mut().expect("one was just pushed");
             let area = self.mesh.area(t);
             run.area += area;
             run.triangles += 1;
             run.degenerate += usize::from(area <= 0.0);
+            run.unseen += usize::from(self.observed.count(t) == 0);
             for seen in self.observed.in_triangle(t) {
                 run.weight += seen.weight;
                 for (range, &value) in run.ranges.iter_mut().zip(self.observed.values(seen.index)) {
@@ -307,6 +320,11 @@ impl<'a> System<'a> {
 
     /// What each vertex sees of what its area should show it.
     fn weigh(&mut self) {
+        let coincident = (0..self.mesh.vertex_count() as u32)
+            .into_par_iter()
+            .with_min_len(CHUNK)
+            .filter(|&v| coincides(self.mesh, &self.fans, v));
+        self.report.coincident_vertices = coincident.count();
         let seen_and_deficit: Vec<(bool, f32)> = (0..self.mesh.vertex_count())
             .into_par_iter()
             .with_min_len(CHUNK)
@@ -493,6 +511,16 @@ impl<'a> System<'a> {
             + self.observed.len() * 4;
         Ok(Fit { values, report })
     }
+}
+
+/// Whether an edge of a vertex has no length.
+pub(crate) fn coincides(mesh: &Mesh, fans: &Fans, vertex: u32) -> bool {
+    let here = mesh.positions[vertex as usize];
+    fans.around(VertexId(vertex)).iter().any(|t| {
+        let corners = mesh.triangles[t.index()];
+        // Once for the vertex itself.
+        corners.iter().filter(|v| mesh.positions[v.index()] == here).count() > 1
+    })
 }
 
 /// The hat function of a vertex at barycentric coordinates of a triangle that names it.

@@ -5,7 +5,7 @@ mod common;
 use common::{adjacency, at, mesh, position, scatter, sheet};
 use glam::{Quat, Vec3};
 use lightkiln_fit::{Bounds, FitOptions, Held, Mass, Method, Observations, Regularizer, fit};
-use lightkiln_mesh::Mesh;
+use lightkiln_mesh::{Mesh, Source, weld};
 use proptest::prelude::*;
 
 fn ours(alpha: f32) -> FitOptions {
@@ -68,6 +68,43 @@ proptest! {
                     prop_assert!((a - b).abs() <= 2e-4, "{regularizer:?} x {scale}: {a} and {b}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn order_of_welding_changes_nothing(n in 3_u32..9, seed: u64) {
+        // The same soup of triangles welded front to back and back to front.
+        let m = sheet(n, 0.6, seed);
+        let (points, weights) = scatter(&m, 2, seed);
+        let values: Vec<f32> = points.iter().map(|&p| position(&m, p).x.sin() as f32).collect();
+        let soup: Vec<Vec3> = m.triangle_ids().flat_map(|t| m.corners(t)).collect();
+        let welded = |order: &[usize]| {
+            let positions: Vec<Vec3> = order.iter().map(|&i| soup[i]).collect();
+            let mut place = vec![0; soup.len()];
+            for (at, &i) in order.iter().enumerate() {
+                place[i] = at as u32;
+            }
+            let triangles: Vec<[u32; 3]> = place.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+            weld(Source {
+                positions: &positions,
+                normals: &vec![Vec3::Z; soup.len()],
+                groups: &vec![0; soup.len()],
+                triangles: &triangles,
+                normal_cosine: 1.0,
+            })
+            .expect("a valid mesh")
+            .mesh
+        };
+        let forward: Vec<usize> = (0..soup.len()).collect();
+        let backward: Vec<usize> = (0..soup.len()).rev().collect();
+        let observations = Observations { points: &points, weights: &weights, values: &values, channels: 1 };
+        let found = [forward, backward].map(|order| {
+            let m = welded(&order);
+            let values = fit(&m, &adjacency(&m), &observations, None, &ours(0.1)).expect("fits").values;
+            m.triangles.iter().flatten().map(|v| values[v.index()]).collect::<Vec<f32>>()
+        });
+        for (a, b) in found[0].iter().zip(&found[1]) {
+            prop_assert!((a - b).abs() <= 1e-6, "{a} and {b}");
         }
     }
 
@@ -163,6 +200,10 @@ fn degenerate_input_is_counted_and_never_wild() {
             assert_eq!(fitted.report.ignored_observations, 1);
             assert_eq!(fitted.report.isolated_vertices, 1);
             assert_eq!(fitted.report.undetermined_vertices, 3);
+            assert_eq!(fitted.report.degenerate_triangles, 4);
+            assert_eq!(fitted.report.unseen_triangles, 4);
+            assert_eq!(fitted.report.single_triangles, 1);
+            assert_eq!(fitted.report.coincident_vertices, 4);
         }
     }
 }
@@ -225,7 +266,32 @@ fn clamp_counts_what_was_outside() {
         fit(&m, &adjacency(&m), &observations, None, &FitOptions { bounds, ..ours(0.0) }).expect("fits");
     assert_eq!((fitted.report.below, fitted.report.above), (4, 4));
     assert!((fitted.report.farthest_outside - 0.5).abs() < 1e-5);
+    assert!((fitted.report.mean_outside() - 0.5).abs() < 1e-5);
     assert!(fitted.values.iter().all(|v| (0.0..=1.0).contains(v)));
+}
+
+#[test]
+fn non_manifold_edges_are_left_out_and_counted() {
+    // Three unequal fins on one edge: no regularizer may couple any two of them over it.
+    let fin = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    let m = mesh(
+        vec![Vec3::ZERO, Vec3::Z, fin(1.0, 0.0, 0.4), fin(-0.7, 1.0, 0.5), fin(-0.5, -1.0, 0.6)],
+        &[[0, 1, 2], [0, 1, 3], [0, 1, 4]],
+    );
+    let (points, weights) = scatter(&m, 9, 2);
+    // Linear on each fin, with a slope of its own.
+    let slope = |t: u32| 0.3 * t as f32 - 0.3;
+    let values: Vec<f32> = points.iter().map(|p| 0.5 + slope(p.triangle.0) * p.barycentric[1]).collect();
+    let observations = Observations { points: &points, weights: &weights, values: &values, channels: 1 };
+    for regularizer in [Regularizer::EdgePrinted, Regularizer::Edge] {
+        let options = FitOptions { regularizer, ..ours(100.0) };
+        let fitted = fit(&m, &adjacency(&m), &observations, None, &options).expect("fits");
+        assert_eq!(fitted.report.non_manifold_edges, 1);
+        for (v, value) in fitted.values.iter().enumerate() {
+            let want = if v < 2 { 0.5 } else { 0.5 + slope(v as u32 - 2) };
+            assert!((value - want).abs() < 1e-5, "{regularizer:?}: {value} for {want}");
+        }
+    }
 }
 
 #[test]

@@ -112,10 +112,12 @@ fn strong_gradient_term_gives_the_mean_of_each_sheet() {
     let (points, weights) = scatter(&m, 3, 4);
     let values: Vec<f32> = points.iter().map(|&p| (position(&m, p).x + position(&m, p).z) as f32).collect();
     let observations = Observations { points: &points, weights: &weights, values: &values, channels: 1 };
-    let fitted =
-        fit(&m, &adjacency(&m), &observations, None, &options(Method::Ours, Regularizer::Gradient, 1e7))
+    for (regularizer, (range, z)) in [Regularizer::Gradient, Regularizer::Both]
+        .into_iter()
+        .flat_map(|r| [(r, (0..base as usize, 0.0)), (r, (base as usize..m.vertex_count(), 1.0))])
+    {
+        let fitted = fit(&m, &adjacency(&m), &observations, None, &options(Method::Ours, regularizer, 1e7))
             .expect("fits");
-    for (range, z) in [(0..base as usize, 0.0), (base as usize..m.vertex_count(), 1.0)] {
         let (mut sum, mut total) = (0.0, 0.0);
         for ((p, w), f) in points.iter().zip(&weights).zip(&values) {
             if position(&m, *p).z == z {
@@ -130,13 +132,35 @@ fn strong_gradient_term_gives_the_mean_of_each_sheet() {
 }
 
 #[test]
-fn strong_edge_term_gives_the_linear_fit() {
+fn alpha_without_a_regularizer_is_nothing() {
     let m = sheet(8, 0.5, 1);
+    let (points, weights) = scatter(&m, 3, 4);
+    let values = noisy(&m, &points, 2);
+    let observations = Observations { points: &points, weights: &weights, values: &values, channels: 1 };
+    let run = |alpha| {
+        let options = options(Method::Ours, Regularizer::None, alpha);
+        fit(&m, &adjacency(&m), &observations, None, &options).expect("fits").values
+    };
+    assert_eq!(run(0.0), run(1e6));
+}
+
+#[test]
+fn strong_edge_term_gives_the_linear_fit() {
+    strong_term_gives_the_linear_fit(Regularizer::Edge, 0.5);
+}
+
+#[test]
+fn strong_printed_term_gives_the_linear_fit_where_triangles_are_equal() {
+    strong_term_gives_the_linear_fit(Regularizer::EdgePrinted, 0.0);
+}
+
+fn strong_term_gives_the_linear_fit(regularizer: Regularizer, jitter: f32) {
+    let m = sheet(8, jitter, 1);
     let (points, weights) = scatter(&m, 3, 4);
     let values: Vec<f32> = points.iter().map(|&p| (6.0 * position(&m, p).x).sin() as f32).collect();
     let observations = Observations { points: &points, weights: &weights, values: &values, channels: 1 };
-    let fitted = fit(&m, &adjacency(&m), &observations, None, &options(Method::Ours, Regularizer::Edge, 1e6))
-        .expect("fits");
+    let fitted =
+        fit(&m, &adjacency(&m), &observations, None, &options(Method::Ours, regularizer, 1e6)).expect("fits");
     // The linear least-squares fit over the same observations, by its normal equations.
     let mut a = glam::DMat3::ZERO;
     let mut b = DVec3::ZERO;
