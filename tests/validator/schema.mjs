@@ -22,17 +22,45 @@ function check(validate, value, where) {
   }
 }
 
+function expect(holds, message) {
+  checked += 1;
+  if (holds) return;
+  failed += 1;
+  console.error(message);
+}
+
 for (const path of process.argv.slice(2)) {
   const root = await json(path);
   if (path.endsWith('.json')) {
     check(report, root, path);
     continue;
   }
-  check(part('root'), root.extensions?.[EXTENSION], `${path} extensions.${EXTENSION}`);
+  const ours = root.extensions?.[EXTENSION];
+  check(part('root'), ours, `${path} extensions.${EXTENSION}`);
+  // What a schema cannot say: names follow the order of the layers, textures exist, primitives have all layers.
+  const names = (ours?.layers ?? []).map((_, k) => (k === 0 ? '_LIGHTUV' : `_LIGHTUV_${k}`));
+  for (const [k, layer] of (ours?.layers ?? []).entries()) {
+    const where = `${path} layers[${k}]`;
+    expect(layer.attribute === names[k], `${where}.attribute: ${layer.attribute} instead of ${names[k]}`);
+    expect(layer.pages?.length === ours.layers[0].pages?.length, `${where}.pages: not as many as in layers[0]`);
+    expect(layer.range?.[0] < layer.range?.[1], `${where}.range: ${layer.range}`);
+    for (const texture of [...(layer.pages ?? []), layer.table].filter((t) => t !== undefined)) {
+      const image = root.textures?.[texture]?.source;
+      expect(root.images?.[image] !== undefined, `${where}: texture ${texture} has no image`);
+    }
+  }
   for (const [m, mesh] of root.meshes.entries()) {
     for (const [p, primitive] of mesh.primitives.entries()) {
-      const ours = primitive.extensions?.[EXTENSION];
-      if (ours) check(part('primitive'), ours, `${path} meshes[${m}].primitives[${p}]`);
+      const lit = primitive.extensions?.[EXTENSION];
+      if (!lit) continue;
+      const where = `${path} meshes[${m}].primitives[${p}]`;
+      check(part('primitive'), lit, where);
+      expect(JSON.stringify(lit.attributes) === JSON.stringify(names), `${where}: attributes ${lit.attributes}`);
+      for (const name of names) {
+        const { componentType, type, count } = root.accessors[primitive.attributes[name]] ?? {};
+        const same = count === root.accessors[primitive.attributes.POSITION].count;
+        expect(componentType === 5123 && type === 'VEC2' && same, `${where}.${name}: not two 16-bit integers a vertex`);
+      }
     }
   }
 }

@@ -72,16 +72,14 @@ fn textures(root: &mut Value, f: Visit<'_>) {
     fn infos(json: &mut Value, f: Visit<'_>) {
         one(json, &["index"], f);
         match json {
-            Value::Object(object) => object.values_mut().for_each(|v| infos(v, f)),
+            Value::Object(object) => {
+                object.iter_mut().filter(|(key, _)| *key != "extras").for_each(|(_, v)| infos(v, f));
+            }
             Value::Array(items) => items.iter_mut().for_each(|v| infos(v, f)),
             _ => {}
         }
     }
-    each(root, "materials", &mut |material| {
-        for (_, v) in material.as_object_mut().into_iter().flatten().filter(|(key, _)| *key != "extras") {
-            infos(v, f);
-        }
-    });
+    each(root, "materials", &mut |material| infos(material, f));
 }
 
 /// Visits every number that names an image.

@@ -20,12 +20,14 @@
 //! | `footprint` | bytes of vertices, sizes of images |
 //! | `names` | names of parts, files and kinds of errors |
 //! | `lightmap`, `undo` | reading light back, undoing a former bake |
+//! | `baked` | light as the writer takes it |
 //! | `write`, `pools`, `split` | patching the document; vertices with two codes |
 //! | `replace` | what the light replaces |
 //! | `assemble`, `garbage`, `output` | the buffer, what is dropped from it, and files that appear whole |
 
 mod accessor;
 mod assemble;
+mod baked;
 mod container;
 mod document;
 mod draco;
@@ -57,6 +59,7 @@ mod uri;
 mod variants;
 mod write;
 
+pub use baked::{BakedLight, ExtensionInfo, Fallback, LayerFiles, PartLight};
 pub use environment::{Environment, decode_environment, read_environment};
 pub use error::{Place, SceneError, Warning};
 pub use footprint::ImageSize;
@@ -67,9 +70,7 @@ pub use lights::{LightKind, PunctualLight};
 pub use material::{AlphaMode, Material};
 pub use names::ErrorKind;
 pub use roles::Roles;
-pub use scene::{Glass, Part, PartLight, ReadOptions, Scene, TriangleFlags};
+pub use scene::{Glass, Part, ReadOptions, Scene, TriangleFlags};
 pub use surface::{EmissiveTriangle, MAX_ALBEDO};
 pub use texture::{Slot, Textures};
-pub use write::{
-    BakedLight, ExtensionInfo, Fallback, LayerFiles, LayerWritten, PartWritten, Written, WrittenFile, write,
-};
+pub use write::{LayerWritten, PartWritten, Written, WrittenFile, write};

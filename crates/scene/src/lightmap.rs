@@ -58,6 +58,9 @@ pub struct LayerRead {
     pub parts: Vec<Vec<[[u16; 2]; 3]>>,
 }
 
+/// The accessor of a primitive, if it has one.
+type Found<'a> = Result<Option<Elements<'a>>, SceneError>;
+
 /// Whether a document carries our light, of any version.
 pub(crate) fn is_baked(root: &Value) -> bool {
     extension(root, EXTENSION).is_some()
@@ -106,6 +109,9 @@ impl Scene {
         if layers.is_empty() {
             let found = json.get("layers").unwrap_or(&Value::Null);
             return Err(value("layers", found, "an array of layers, at least one"));
+        }
+        if let Some(other) = layers.iter().find(|l| l.pages.len() != layers[0].pages.len()) {
+            return Err(value("pages", other.pages.len(), "as many as in the first layer"));
         }
         for part in 0..self.parts.len() {
             self.part_codes(root, part, &mut layers)?;
@@ -212,7 +218,7 @@ impl Scene {
         &'a self,
         root: &Value,
         part: usize,
-        find: &dyn Fn(&Value, &Value) -> Result<Option<Elements<'a>>, SceneError>,
+        find: &dyn Fn(&Value, &Value) -> Found<'a>,
     ) -> Result<Option<Vec<Elements<'a>>>, SceneError> {
         let part = &self.parts[part];
         let primitives = list(&list(root, "meshes")[part.mesh], "primitives");

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value, json};
 
 use crate::accessor::{Component, layout};
+use crate::baked::Fallback;
 use crate::document::{MESHOPT, array, extension, index, list, object, whole};
 use crate::draco::DRACO;
 use crate::error::SceneError;
@@ -13,7 +14,7 @@ use crate::geometry::attribute;
 use crate::lightmap::{COLOR, EXTENSION, ORIGINAL_COLOR, attribute_name};
 use crate::split::{Split, split};
 use crate::undo::remove_extension;
-use crate::write::{Fallback, PartWritten, Patch, Purpose};
+use crate::write::{PartWritten, Patch, Purpose};
 
 impl<'a> Patch<'a> {
     /// Appends bytes for a purpose; returns the view and the offset in it.

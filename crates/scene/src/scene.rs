@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::document::{Document, MESHOPT, index, list};
 use crate::draco::{self, DRACO};
-use crate::error::{Place, SceneError, Warning, Warnings, value};
+use crate::error::{Place, SceneError, Warning, Warnings};
 use crate::geometry::{LocalPool, Source, read_pools};
 use crate::instances::INSTANCING;
 use crate::lightmap;
@@ -121,16 +121,6 @@ pub struct TriangleFlags {
     pub translucent: bool,
     /// Whether the back is drawn too.
     pub double_sided: bool,
-}
-
-/// The light of a part, corner by corner.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct PartLight {
-    /// Per layer, per triangle, per corner: the value of the layer's attribute.
-    pub corner_codes: Vec<Vec<[[u16; 2]; 3]>>,
-    /// Per triangle, per corner: linear RGB, 0..=1, shown by `COLOR_0` in viewers that do not know the extension.
-    /// May be empty when nothing is written there.
-    pub corner_fallback: Vec<[[f32; 3]; 3]>,
 }
 
 impl Scene {
@@ -423,37 +413,4 @@ fn flatten(part: &mut Part, corners: &[[u32; 3]]) {
         part.normals.extend([normal; 3]);
         part.triangles.push([0, 1, 2].map(|k| (3 * t) as u32 + k));
     }
-}
-
-/// Checks that light of so many layers belongs to the scene; `colors`: that it has fallback colors.
-pub(crate) fn check_light(
-    scene: &Scene,
-    parts: &[PartLight],
-    layers: usize,
-    colors: bool,
-) -> Result<(), SceneError> {
-    let wrong = |what, count, expected| SceneError::Light { what, count, expected, place: Box::default() };
-    if layers == 0 {
-        return Err(wrong("layers of light", 0, 1));
-    }
-    if parts.len() != scene.parts.len() {
-        return Err(wrong("parts with light", parts.len(), scene.parts.len()));
-    }
-    for (light, part) in parts.iter().zip(&scene.parts) {
-        let expected = part.triangles.len();
-        let at = |e: SceneError| e.at(|p| *p = place_of(&scene.document, part.node));
-        if light.corner_codes.len() != layers {
-            return Err(at(wrong("layers with codes", light.corner_codes.len(), layers)));
-        }
-        if let Some(codes) = light.corner_codes.iter().find(|codes| codes.len() != expected) {
-            return Err(at(wrong("triangles with codes", codes.len(), expected)));
-        }
-        if colors && light.corner_fallback.len() != expected {
-            return Err(at(wrong("triangles with fallback colours", light.corner_fallback.len(), expected)));
-        }
-        if colors && light.corner_fallback.iter().flatten().flatten().any(|v| !v.is_finite()) {
-            return Err(at(value("a fallback colour", "not finite", "0 to 1")));
-        }
-    }
-    Ok(())
 }

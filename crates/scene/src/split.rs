@@ -1,7 +1,6 @@
 //! Vertices that carry two codes become two vertices.
 
-/// The codes of a part's triangles, per layer: per triangle, per corner.
-pub(crate) type LayerCodes = [Vec<[[u16; 2]; 3]>];
+use crate::baked::LayerCodes;
 
 /// The vertices of a pool after every vertex got one copy for each distinct tuple of codes, one per layer, that its
 /// corners show.

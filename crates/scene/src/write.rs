@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use crate::assemble::stem;
+use crate::baked::{BakedLight, check_light};
 use crate::document::{BufferSource, Document, array, extension, index, list, object};
 use crate::error::{SceneError, Warning, Warnings};
 use crate::geometry::primitive_place;
@@ -21,54 +22,9 @@ use crate::lightmap::{EXTENSION, VERSION, attribute_name};
 use crate::nodes::place_of;
 use crate::output::Staged;
 use crate::replace::remove_slots;
-use crate::scene::{PartLight, Scene, check_light};
-use crate::texture::Slot;
+use crate::scene::Scene;
 use crate::undo::remove_extension;
 use crate::uri;
-
-/// What viewers that do not know the extension show.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Fallback {
-    /// The light multiplied into `COLOR_0`: RGB, 8 bits, linear.
-    #[default]
-    Color0,
-    /// Nothing.
-    None,
-}
-
-/// One layer of light: its images and what the extension says about it.
-#[derive(Clone, Debug, Default)]
-pub struct LayerFiles {
-    /// The pages of the atlas, one PNG file each, in order. Empty when there are no texture triangles.
-    pub pages: Vec<Vec<u8>>,
-    /// The table of colors as a PNG file, where the codes are numbers of its entries.
-    pub table: Option<Vec<u8>>,
-    /// The layer's object (docs/LIGHTKILN_lightmap.schema.json); [`write`] fills in `attribute`, `codes`, `pages` and
-    /// `table`.
-    pub info: Map<String, Value>,
-}
-
-/// The root object of the extension; [`write`] fills in `version` and `layers`.
-#[derive(Clone, Debug, Default)]
-pub struct ExtensionInfo {
-    /// A JSON object (docs/LIGHTKILN_lightmap.schema.json).
-    pub root: Value,
-}
-
-/// The light of a scene.
-#[derive(Clone, Debug, Default)]
-pub struct BakedLight {
-    /// One per [`Scene::parts`], in that order.
-    pub parts: Vec<PartLight>,
-    /// At least one, in the order of [`PartLight::corner_codes`].
-    pub layers: Vec<LayerFiles>,
-    /// The extension's root object.
-    pub extension: ExtensionInfo,
-    /// What other viewers show.
-    pub fallback: Fallback,
-    /// Textures of the asset that the light replaces; they leave all materials. Usually empty.
-    pub remove: Vec<Slot>,
-}
 
 /// A file that was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -161,7 +117,7 @@ fn write_inner(scene: &Scene, light: &BakedLight, path: &Path) -> Result<Written
         Some("gltf") => false,
         _ => return Err(SceneError::OutputName { path: path.to_owned(), place: Box::default() }),
     };
-    check_light(scene, &light.parts, light.layers.len(), light.fallback == Fallback::Color0)?;
+    check_light(scene, light)?;
     let mut patch = Patch::new(scene, light, glb)?;
     patch.meshes()?;
     for part in 0..scene.parts.len() {

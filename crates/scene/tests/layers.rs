@@ -37,8 +37,7 @@ fn layers_round_trip() {
         let vertices: usize = written.parts.iter().map(|p| p.original_vertices + p.added_vertices).sum();
         assert_eq!(written.light_bytes, 3 * 4 * vertices as u64);
         assert!(written.layers.iter().all(|l| l.attribute_bytes == 4 * vertices as u64));
-        assert_eq!(written.layers[0].atlas_bytes, 2 * written.layers[1].atlas_bytes);
-        assert_eq!(written.atlas_bytes, written.layers[0].atlas_bytes + written.layers[1].atlas_bytes);
+        assert_eq!(written.atlas_bytes, 3 * written.layers[1].atlas_bytes);
         assert_eq!(written.table_bytes, written.layers[2].table_bytes);
         let again = read(&path);
         let map = again.read_lightmap().unwrap().unwrap();
@@ -59,9 +58,12 @@ fn layers_round_trip() {
         .map(|e| e.unwrap().file_name().into_string().unwrap())
         .collect();
     names.sort();
-    let images =
-        ["out.lightkiln.0.png", "out.lightkiln.1.png", "out.lightkiln_1.0.png", "out.lightkiln_2.table.png"];
-    assert_eq!(names, [&["out.bin", "out.glb", "out.gltf"][..], &images].concat());
+    let pages =
+        ["", "_1", "_2"].map(|layer| ["0", "1"].map(|page| format!("out.lightkiln{layer}.{page}.png")));
+    let mut expected = pages.concat();
+    expected.extend(["out.bin", "out.glb", "out.gltf", "out.lightkiln_2.table.png"].map(str::to_owned));
+    expected.sort();
+    assert_eq!(names, expected);
 }
 
 #[test]
@@ -261,7 +263,7 @@ fn damaged_extension_objects_are_errors() {
     let scene = Gltf::quad().read().unwrap();
     let path = folder.0.join("out.glb");
     write(&scene, &three_layers(&scene), &path).unwrap();
-    let cases: [(&str, Value); 22] = [
+    let cases: [(&str, Value); 23] = [
         ("", json!(5)),
         ("/version", json!("2")),
         ("/version", json!(null)),
@@ -279,6 +281,7 @@ fn damaged_extension_objects_are_errors() {
         ("/layers/0/pages", json!(0)),
         ("/layers/0/pages", json!([99])),
         ("/layers/0/pages", json!([-1])),
+        ("/layers/1/pages", json!([])),
         ("/layers/0/codes", json!("other")),
         ("/layers/0/codes", json!("table")),
         ("/layers/2/codes", json!("packed")),
@@ -336,6 +339,18 @@ fn light_of_wrong_shape_is_refused() {
     let is = |e: &SceneError, n, of| matches!(e, SceneError::Light { count, expected, .. } if (*count, *expected) == (n, of));
     assert!(is(&refuse(&|l| l.layers.clear()), 0, 1));
     assert!(is(&refuse(&|l| l.layers.truncate(2)), 3, 2));
+    assert!(is(&refuse(&|l| l.layers[1].pages.truncate(1)), 1, 2));
+    // All layers read the atlas at the same place, or none does.
+    let place = |a: [u16; 2], b: [u16; 2]| {
+        refuse(&|l| {
+            l.parts[0].corner_codes[0][1][2] = a;
+            l.parts[0].corner_codes[2][1][2] = b;
+        })
+    };
+    for (a, b) in [([8, 8], [8, 16]), ([8, 8], [8, 0x8000]), ([8, 0x8001], [0, 0])] {
+        let error = place(a, b);
+        assert!(error.to_string().contains("triangle 1"), "{error}");
+    }
     assert!(is(&refuse(&|l| l.parts[0].corner_codes.truncate(1)), 1, 3));
     assert!(is(&refuse(&|l| l.parts[0].corner_codes[2].truncate(1)), 1, 2));
     assert!(is(&refuse(&|l| l.parts[0].corner_fallback.truncate(1)), 1, 2));

@@ -154,7 +154,7 @@ pub fn layer(signal: &str, channels: usize, pages: usize) -> LayerFiles {
     }
 }
 
-/// A scalar layer with two pages, an RGB layer with one, and one with a table and no page.
+/// A scalar layer, an RGB layer with a logarithmic curve, and one with a table; all have two pages.
 pub fn three_layers(scene: &Scene) -> BakedLight {
     let mut light = light(scene, true);
     for (number, part) in light.parts.iter_mut().enumerate() {
@@ -162,8 +162,10 @@ pub fn three_layers(scene: &Scene) -> BakedLight {
         part.corner_codes.push(codes(scene, number, |_, v| [v, 0x9000]));
         part.corner_codes.push(codes(scene, number, |_, _| [7, 0x8000]));
     }
-    let table = LayerFiles { table: Some(png(&image::RgbaImage::new(256, 1))), ..layer("direct", 3, 0) };
-    light.layers = vec![layer("ambientOcclusion", 1, 2), layer("irradiance", 3, 1), table];
+    let table = LayerFiles { table: Some(png(&image::RgbaImage::new(256, 1))), ..layer("bentNormal", 3, 2) };
+    light.layers = vec![layer("ambientOcclusion", 1, 2), layer("irradiance", 3, 2), table];
+    let log = json!({"curve": "log", "white": 500.0, "range": [0.0, 4000.0], "unit": "lux"});
+    light.layers[1].info.extend(log.as_object().unwrap().clone());
     light
 }
 
