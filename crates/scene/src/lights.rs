@@ -8,6 +8,8 @@ use crate::error::{Place, SceneError, Warnings, value};
 use crate::nodes::{Nodes, place_of};
 
 const PUNCTUAL: &str = "KHR_lights_punctual";
+/// Light around a scene, which is passed as a file instead.
+const IMAGE_BASED: &str = "EXT_lights_image_based";
 
 /// A light without size.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,6 +86,11 @@ pub(crate) fn read_lights(
             }
             Err(e) => warnings.add(format!("lights that make no sense are left out: {e}"), 1, place()),
         }
+    }
+    let surrounded = document.list("scenes").iter().any(|s| extension(s, IMAGE_BASED).is_some());
+    if strict && surrounded {
+        let message = "EXT_lights_image_based is not read: pass the environment as a file";
+        warnings.add(message, 1, Place::default());
     }
     let moving: Vec<&PunctualLight> = out.iter().filter(|l| l.moves).collect();
     if let Some(first) = moving.first() {

@@ -11,6 +11,7 @@
 //!   KHR_materials_volume. The metallic share of a surface, which glTF keeps from transmitting, is not looked at.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::lookup::{Lookup, Point};
 use crate::material::Material;
@@ -106,17 +107,15 @@ impl Scene {
             if !part.primitive_materials.iter().any(emits) {
                 continue;
             }
-            for triangle in 0..part.triangles.len() {
-                let (Some(material), lookup) = self.surface(number, triangle) else { continue };
-                if !material.is_emissive() {
-                    continue;
-                }
+            let found = (0..part.triangles.len()).into_par_iter().filter_map(|triangle| {
+                let (material, lookup) = self.surface(number, triangle);
+                let material = material.filter(|m| m.is_emissive())?;
                 let mean = mean_emission(material, lookup, self.gltf_corners(number, triangle));
-                if mean.max_element() > 0.0 {
-                    let (part, triangle) = (number as u32, triangle as u32);
-                    out.push(EmissiveTriangle { part, triangle, mean_emission: mean.to_array() });
-                }
-            }
+                let (part, triangle) = (number as u32, triangle as u32);
+                let listed = EmissiveTriangle { part, triangle, mean_emission: mean.to_array() };
+                (mean.max_element() > 0.0).then_some(listed)
+            });
+            out.par_extend(found);
         }
         out
     }

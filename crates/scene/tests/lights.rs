@@ -96,6 +96,15 @@ fn light_without_sense_is_an_error_where_light_is_asked_for() {
 }
 
 #[test]
+fn light_from_images_is_warned_of() {
+    let mut g = Gltf::quad();
+    g.json["scenes"][0]["extensions"] = json!({"EXT_lights_image_based": {"light": 0}});
+    assert!(g.read().unwrap().warnings.is_empty());
+    let scene = Scene::read_bytes(&g.glb(), &surfaces()).unwrap();
+    assert!(scene.warnings[0].message.contains("EXT_lights_image_based"));
+}
+
+#[test]
 fn light_of_the_lamp_is_read() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../../shared/scenes/lights_punctual_lamp.glb");
