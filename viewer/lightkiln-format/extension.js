@@ -1,0 +1,83 @@
+// The JSON of the extension: reading it, and preparing a file for viewers that know only core glTF.
+
+import { EXTENSION, SUBTEXELS, VERSION } from './constants.js'
+import { scaleOf } from './decode.js'
+
+const DRACO = 'KHR_draco_mesh_compression'
+
+const fail = (message) => {
+  throw new Error(`${EXTENSION}: ${message}`)
+}
+
+/**
+ * The root object of a glTF, checked; null where there is none.
+ *
+ * Throws an `Error` that says what is wrong: a version other than 2, a layer without codes that this reader knows.
+ */
+export function readExtension(json) {
+  const root = json.extensions?.[EXTENSION]
+  if (root === undefined) return null
+  if (root.version !== VERSION) fail(`version ${root.version} is not ${VERSION}; bake the file again`)
+  if ((root.subtexels ?? SUBTEXELS) !== SUBTEXELS) fail(`${root.subtexels} steps per texel are not ${SUBTEXELS}`)
+  if (!Array.isArray(root.layers)) fail('no layers')
+  const pageSize = root.pageSize ?? [0, 0]
+  return { pageSize, layers: root.layers.map((layer, index) => readLayer(json, layer, index)), root }
+}
+
+function readLayer(json, layer, index) {
+  const { signal, attribute, channels = 1, curve = 'linear', range = [0, 1], codes = 'packed', pages = [] } = layer
+  const at = `layers[${index}]`
+  if (typeof attribute !== 'string') fail(`${at} names no attribute`)
+  if (!(channels >= 1 && channels <= 3)) fail(`${at} has ${channels} channels, not 1 to 3`)
+  if (curve !== 'linear' && curve !== 'log') fail(`${at} has an unknown curve "${curve}"`)
+  if (curve === 'log' && !(layer.white > 0)) fail(`${at} has a logarithmic curve and no white`)
+  if (codes !== 'packed' && codes !== 'table') fail(`${at} has unknown codes "${codes}"`)
+  const textures = codes === 'table' ? [...pages, layer.table] : pages
+  const missing = textures.find((texture) => json.images?.[json.textures?.[texture]?.source] === undefined)
+  if (missing !== undefined || textures.includes(undefined)) fail(`${at} names texture ${missing}, which has no image`)
+  const form = codes === 'table' ? 'table' : channels === 1 ? 'scalar' : 'rgb'
+  const scale = scaleOf({ curve, range, white: layer.white })
+  const table = codes === 'table' ? layer.table : null
+  return { index, signal, attribute, channels, form, scale, pages, table, info: layer }
+}
+
+/** The extension's object of a primitive, or null. */
+export const primitiveLight = (primitive) => primitive.extensions?.[EXTENSION] ?? null
+
+/**
+ * Changes a glTF in place for a viewer that shows the light itself: primitives with light get back the `COLOR_0` that
+ * the asset had (or none), their attributes are named as the layers name them, and others lose attributes of that name.
+ */
+export function prepare(json, layers) {
+  for (const { primitives } of json.meshes ?? []) {
+    for (const primitive of primitives) {
+      const light = primitiveLight(primitive)
+      for (const attributes of [primitive.attributes, primitive.extensions?.[DRACO]?.attributes]) {
+        if (attributes === undefined) continue
+        if (light?.fallback !== undefined) delete attributes[light.fallback]
+        if (light?.color0 !== undefined) rename(attributes, light.color0, 'COLOR_0')
+        for (const { index, attribute } of layers) {
+          const name = light?.attributes?.[index]
+          if (name === undefined) delete attributes[attribute]
+          else rename(attributes, name, attribute)
+        }
+      }
+    }
+  }
+}
+
+function rename(attributes, from, to) {
+  if (from === to || attributes[from] === undefined) return
+  attributes[to] = attributes[from]
+  delete attributes[from]
+}
+
+/** What a layer does in a picture unless the caller says otherwise. */
+export function defaultRole({ signal }, layers) {
+  const has = (name) => layers.some((layer) => layer.signal === name)
+  if (signal === 'ambientOcclusion') return 'occlusion'
+  if (signal === 'irradiance') return 'irradiance'
+  // Both together are `irradiance`, and a file may hold all three.
+  if (signal === 'direct' || signal === 'indirect') return has('irradiance') ? 'none' : 'irradiance'
+  return 'none'
+}

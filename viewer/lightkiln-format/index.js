@@ -1,0 +1,4 @@
+export * from './constants.js'
+export * from './extension.js'
+export * from './decode.js'
+export * from './png.js'
