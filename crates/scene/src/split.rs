@@ -114,6 +114,40 @@ mod tests {
     }
 
     #[test]
+    fn split_adds_one_vertex_for_each_further_tuple() {
+        // Any numbers will do: few vertices and few codes, so that tuples meet again.
+        let mut state = 1_u64;
+        let mut below = |n: u64| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 33) % n) as u32
+        };
+        for layers in 1..4 {
+            for _ in 0..40 {
+                let (vertices, triangles) = (1 + below(6) as usize, below(30) as usize);
+                let corners: Vec<[u32; 3]> =
+                    (0..triangles).map(|_| [0; 3].map(|_| below(vertices as u64))).collect();
+                let mut code = || [0; 3].map(|_| [below(2) as u16, 0x8000 | below(2) as u16]);
+                let codes: Vec<Vec<_>> =
+                    (0..layers).map(|_| (0..triangles).map(|_| code()).collect()).collect();
+                let out = split(vertices, corners.iter().copied(), &codes, &[]);
+                let mut tuples = std::collections::BTreeSet::new();
+                for (t, corner) in corners.iter().enumerate() {
+                    for k in 0..3 {
+                        let tuple: Vec<[u16; 2]> = codes.iter().map(|c| c[t][k]).collect();
+                        let at = out.corners[t][k] as usize;
+                        assert_eq!(out.codes.iter().map(|c| c[at]).collect::<Vec<_>>(), tuple);
+                        let original = at.checked_sub(vertices).map_or(at as u32, |added| out.added[added]);
+                        assert_eq!(original, corner[k]);
+                        tuples.insert((corner[k], tuple));
+                    }
+                }
+                let used: std::collections::BTreeSet<u32> = corners.iter().flatten().copied().collect();
+                assert_eq!(out.added.len(), tuples.len() - used.len());
+            }
+        }
+    }
+
+    #[test]
     fn split_without_layers_or_triangles_adds_nothing() {
         assert_eq!(split(2, [[0, 1, 0]].into_iter(), &[], &[]).added, [0_u32; 0]);
         let out = split(2, [].into_iter(), &[Vec::new()], &[]);
