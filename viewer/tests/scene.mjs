@@ -1,6 +1,6 @@
 // A file as triangles with codes, in world space, read by glTF-Transform: whatever compression it has.
 
-import { NodeIO, Primitive } from '@gltf-transform/core'
+import { Logger, NodeIO, Primitive } from '@gltf-transform/core'
 import { ALL_EXTENSIONS } from '@gltf-transform/extensions'
 import draco3d from 'draco3dgltf'
 import { LightkilnLightmap } from 'gltf-transform-lightkiln'
@@ -10,12 +10,15 @@ import { MeshoptDecoder, MeshoptEncoder } from 'meshoptimizer'
 await MeshoptDecoder.ready
 await MeshoptEncoder.ready
 
-export const io = new NodeIO().registerExtensions([...ALL_EXTENSIONS, LightkilnLightmap]).registerDependencies({
-  'draco3d.decoder': await draco3d.createDecoderModule(),
-  'draco3d.encoder': await draco3d.createEncoderModule(),
-  'meshopt.decoder': MeshoptDecoder,
-  'meshopt.encoder': MeshoptEncoder,
-})
+export const io = new NodeIO()
+  .setLogger(new Logger(Logger.Verbosity.ERROR))
+  .registerExtensions([...ALL_EXTENSIONS, LightkilnLightmap])
+  .registerDependencies({
+    'draco3d.decoder': await draco3d.createDecoderModule(),
+    'draco3d.encoder': await draco3d.createEncoderModule(),
+    'meshopt.decoder': MeshoptDecoder,
+    'meshopt.encoder': MeshoptEncoder,
+  })
 
 /**
  * - returns: `triangles`, each `{ corners: three points, codes: per layer three codes, or null where it has no light }`
