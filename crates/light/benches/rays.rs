@@ -8,7 +8,10 @@
 use std::time::{Duration, Instant};
 
 use glam::{Vec3, Vec3A};
-use lightkiln_light::{AmbientOcclusion, Estimates, Opaque, Tracer, directions};
+use lightkiln_light::{
+    AmbientOcclusion, Environment, Estimates, Light, Lighting, Opaque, Output, PathOptions, PathTraced,
+    Signal, Tracer, directions,
+};
 use lightkiln_mesh::{Mesh, SurfacePoint, TriangleId, VertexId, random};
 use obvhs::{
     BvhBuildParams, cwbvh::builder::build_cwbvh_from_tris, ray::Ray, rt_triangle::RtTriangle,
@@ -108,7 +111,7 @@ fn rate(name: &str, rays: usize, mut run: impl FnMut() -> usize) {
     }
     times.sort_by(f64::total_cmp);
     println!(
-        "{name:<28} {:8.3} Mrays/s   hit {:.6}",
+        "{name:<40} {:8.3} Mrays/s   hit {:.6}",
         rays as f64 / times[2] / 1e6,
         hits as f64 / rays as f64
     );
@@ -226,5 +229,41 @@ fn main() {
                     * estimates.rays() as f64) as usize
             },
         );
+    }
+    paths(&tracer, mesh, &points, &keys);
+}
+
+/// Paths a second, sixteen a batch: each with a ray at the point, a shadow ray there, and two rays a bounce.
+fn paths(tracer: &Tracer<'_>, mesh: &Mesh, points: &[SurfacePoint], keys: &[u64]) {
+    let (points, keys) = (&points[..10_000], &keys[..10_000]);
+    let lamps = (0..8_u64).map(|i| {
+        let h = |k| random::unit(random::hash(2, i, k, 0));
+        let position = Vec3::new(h(0) - 0.5, h(1) - 0.5, h(2) - 0.5) * 16.0;
+        Light::Sphere { position, intensity: Vec3::splat(1000.0), radius: 0.1, range: f32::INFINITY }
+    });
+    let lamps = Lighting { lights: lamps.collect(), environment: None };
+    let even = Lighting { lights: Vec::new(), environment: Environment::constant(Vec3::ONE).ok() };
+    let sun = Lighting { lights: vec![Light::sun(0.5, 0.8, Vec3::splat(1e5))], environment: None };
+    for (name, lighting) in [("8 lamps", lamps), ("sky", even), ("sun", sun), ("studio", Lighting::studio())]
+    {
+        for (what, output, bounces) in [
+            ("direct", vec![Output::Direct], 0),
+            ("1 bounce", vec![Output::Irradiance], 1),
+            ("all", vec![Output::Irradiance], 32),
+            ("all, harmonics", vec![Output::Irradiance, Output::Harmonics { bands: 3 }], 32),
+        ] {
+            let options = PathOptions { bounces, ..PathOptions::default() };
+            let signal = PathTraced::new(tracer, mesh, &lighting, &output, options).expect("good lights");
+            // On this thread, whose own time counts.
+            rate(&format!("paths: {name}, {what}"), points.len() * 16, || {
+                let mut out = vec![0.0; signal.channels()];
+                let mut dark = 0;
+                for (&point, &key) in points.iter().zip(keys) {
+                    signal.batch(point, key, 1, &mut out);
+                    dark += 16 * usize::from(out[0] == 0.0);
+                }
+                dark
+            });
+        }
     }
 }

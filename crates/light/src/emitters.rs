@@ -22,10 +22,10 @@ pub(crate) struct Emitters {
     /// Share of the power of a triangle and those before it, up to 1.
     cumulative: Vec<f64>,
     /// Area times luminance of all, candela.
-    pub power: f32,
+    power: f32,
     /// A sphere that holds them.
-    pub centre: Vec3,
-    pub radius: f32,
+    centre: Vec3,
+    radius: f32,
 }
 
 impl Emitters {
@@ -69,6 +69,11 @@ impl Emitters {
 
     pub fn is_empty(&self) -> bool {
         self.triangles.is_empty()
+    }
+
+    /// About the illuminance that they give a point, lux; above 0 everywhere.
+    pub fn importance(&self, position: Vec3) -> f32 {
+        self.power / position.distance_squared(self.centre).max(self.radius * self.radius)
     }
 
     /// Area density with which [`Self::sample`] gives a point of a triangle.

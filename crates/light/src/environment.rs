@@ -197,3 +197,74 @@ fn find(cumulative: &[f32], x: f32) -> (usize, f32) {
     let (low, high) = (cumulative[step], cumulative[step + 1]);
     (step, if high > low { ((x - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 })
 }
+
+#[cfg(test)]
+mod tests {
+    use lightkiln_mesh::random;
+
+    use super::*;
+
+    fn patchy() -> Environment {
+        let pixels = (0..24 * 12_u64)
+            .map(|i| {
+                let h = random::unit(random::hash(6, i, 0, 0));
+                Vec3::splat(if h > 0.9 { 40.0 * h } else { h })
+            })
+            .collect();
+        Environment::lat_long(24, 12, pixels, 1.1, 2.0).unwrap()
+    }
+
+    #[test]
+    fn sampling_gives_the_density_that_it_says() {
+        let environment = patchy();
+        let mut sum = 0.0;
+        let count = 20_000;
+        for i in 0..count {
+            let (direction, radiance, density) =
+                environment.sample(random::unit2(random::hash(1, i, 0, 0))).unwrap();
+            assert!((direction.length() - 1.0).abs() < 1e-5);
+            // Rounding may move a direction on a texel's border to the next texel.
+            if environment.radiance(direction) == radiance {
+                assert_eq!(environment.density(direction), density);
+                sum += 1.0;
+            }
+        }
+        assert!(sum > 0.999 * count as f32);
+    }
+
+    #[test]
+    fn sampling_integrates_what_is_bright() {
+        // The solid angle of all bright texels, by samples and by sum.
+        let environment = patchy();
+        let count = 200_000;
+        let mut by_samples = 0.0_f64;
+        for i in 0..count {
+            let (_, _, density) = environment.sample(random::unit2(random::hash(1, i, 0, 0))).unwrap();
+            by_samples += 1.0 / f64::from(density) / count as f64;
+        }
+        let by_sum = environment.integral(|color| f32::from(u8::from(environment.bright(color) > 0.0)));
+        assert!((by_samples / f64::from(by_sum) - 1.0).abs() < 0.01, "{by_samples} {by_sum}");
+    }
+
+    #[test]
+    fn image_shows_its_middle_along_x_and_its_first_row_above() {
+        let pixels: Vec<Vec3> = (0..8 * 4_u16).map(|i| Vec3::splat(f32::from(i) + 1.0)).collect();
+        let at = |environment: &Environment, d: Vec3| environment.radiance(d.normalize()).x as usize - 1;
+        let image = |rotation| Environment::lat_long(8, 4, pixels.clone(), rotation, 1.0).unwrap();
+        let still = image(0.0);
+        assert_eq!(at(&still, Vec3::new(1.0, 0.1, 0.1)), 8 + 4);
+        assert_eq!(at(&still, Vec3::new(1.0, 0.1, -0.1)), 8 + 3);
+        assert_eq!(at(&still, Vec3::new(-0.1, 0.1, 1.0)), 8 + 6);
+        assert_eq!(at(&still, Vec3::new(0.1, -1.0, 0.01)) / 8, 3);
+        // A quarter turn counter-clockwise from above takes +x to -z.
+        assert_eq!(at(&image(PI / 2.0), Vec3::new(0.1, 0.1, -1.0)), 8 + 4);
+    }
+
+    #[test]
+    fn constant_is_the_same_everywhere_and_not_sampled() {
+        let environment = Environment::constant(Vec3::new(1.0, 2.0, 3.0)).unwrap();
+        assert_eq!(environment.radiance(Vec3::NEG_Y), Vec3::new(1.0, 2.0, 3.0));
+        assert!(environment.sample([0.3, 0.3]).is_none());
+        assert!((environment.mean_luminance() - luminance(Vec3::new(1.0, 2.0, 3.0))).abs() < 1e-5);
+    }
+}

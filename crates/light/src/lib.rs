@@ -18,7 +18,7 @@
 //! | [`lights`], [`environment`] | where light comes from, with units |
 //! | [`path`] | irradiance: direct, by way of other surfaces, and as a function of the normal |
 //! | [`harmonics`] | irradiance as a function of the normal |
-//! | `receiver`, `emitters` | a point that light arrives at, and triangles that shine |
+//! | `receiver`, `sources`, `emitters` | a point that light arrives at, shadow rays to what shines, triangles that do |
 //! | [`estimates`] | means and variances, refined where asked |
 //! | [`analytic`] | occlusion in closed form |
 //! | `tree`, `traverse`, `lanes` | the wide tree, its walk, and eight numbers at once |
@@ -41,6 +41,7 @@ mod receiver;
 pub mod scale;
 pub mod shadow;
 pub mod signal;
+mod sources;
 pub mod tracer;
 mod traverse;
 mod tree;

@@ -13,6 +13,8 @@
 //! Deviation: only directions as low as the neighbours of the triangle may be tilted start from the lifted point, and
 //! no farther up than half of the free space above the surface.
 
+use std::f32::consts::{FRAC_1_SQRT_2, PI};
+
 use glam::Vec3;
 use lightkiln_mesh::{Mesh, SurfacePoint};
 
@@ -31,6 +33,8 @@ pub(crate) struct Receiver {
     pub axis: Vec3,
     /// The share of the cosine-weighted hemisphere around `axis` that lies above the plane, above 0.5.
     pub share: f32,
+    /// Half of the directions are uniform over the hemisphere about `axis`, half have cosine density.
+    spread: bool,
     /// With `axis` a right-handed frame; the second towards the side on which the plane is lower.
     across: [Vec3; 2],
     lift: Option<Lift>,
@@ -59,11 +63,28 @@ impl Receiver {
         let position = mesh.position(point);
         let lift = lift(mesh, point, position, side, geometric);
         let share = 0.5 * (1.0 + cosine);
-        Some(Self { origin, position, geometric, axis, share, across, lift })
+        Some(Self { origin, position, geometric, axis, share, spread: false, across, lift })
     }
 
-    /// A direction from which light can come, with density [`Self::density`].
-    pub fn direction(&self, square: [f32; 2]) -> Vec3 {
+    /// The same with half of the directions uniform: coefficients of harmonics want those near the horizon too, which
+    /// cosines leave out.
+    pub fn spread(self) -> Self {
+        Self { spread: true, ..self }
+    }
+
+    /// A direction from which light can come, with density [`Self::density`]. It may lie below the plane of the
+    /// triangle if directions are spread; rounding aside, not otherwise.
+    pub fn direction(&self, [x, y]: [f32; 2]) -> Vec3 {
+        if !self.spread {
+            self.cosine_direction([x, y])
+        } else if x < 0.5 {
+            self.cosine_direction([2.0 * x, y])
+        } else {
+            self.uniform_direction([2.0 * x - 1.0, y])
+        }
+    }
+
+    fn cosine_direction(&self, square: [f32; 2]) -> Vec3 {
         let place = cosine_hemisphere(square);
         let ring = (1.0 - place.x * place.x).max(0.0).sqrt();
         let y = self.share * place.y + (1.0 - self.share) * ring;
@@ -71,16 +92,20 @@ impl Receiver {
         self.across[0] * place.x + self.across[1] * y + self.axis * z
     }
 
-    /// A direction of the whole hemisphere, uniform.
-    pub fn uniform_direction(&self, square: [f32; 2]) -> Vec3 {
+    fn uniform_direction(&self, square: [f32; 2]) -> Vec3 {
         let place = cosine_hemisphere(square);
         let low = place.x * place.x + place.y * place.y;
         let wide = (2.0 - low).max(0.0).sqrt();
         (self.across[0] * place.x + self.across[1] * place.y) * wide + self.axis * (1.0 - low)
     }
 
-    /// What a direction's radiance counts for, divided by pi the density of [`Self::direction`]: cosine over
-    /// [`Self::share`]; 0 below either horizon.
+    /// Solid angle density of [`Self::direction`].
+    pub fn density(&self, direction: Vec3) -> f32 {
+        let cosine = self.cosine(direction) / PI;
+        if self.spread { 0.5 * cosine + 0.25 / PI } else { cosine }
+    }
+
+    /// What the radiance of a direction counts for: its cosine over [`Self::share`]; 0 below either horizon.
     pub fn cosine(&self, direction: Vec3) -> f32 {
         if direction.dot(self.geometric) > 0.0 { direction.dot(self.axis).max(0.0) / self.share } else { 0.0 }
     }
@@ -113,6 +138,6 @@ fn lift(mesh: &Mesh, point: SurfacePoint, position: Vec3, side: f32, geometric: 
     }
     // Neighbours may be tilted to the other side of the vertex normal by as much.
     let sine = (1.0 - least * least).max(0.0).sqrt();
-    let below = if least > std::f32::consts::FRAC_1_SQRT_2 { 2.0 * least * sine } else { 1.0 };
+    let below = if least > FRAC_1_SQRT_2 { 2.0 * least * sine } else { 1.0 };
     (below > 1e-3 && offset.dot(geometric) > 0.0).then_some(Lift { offset, below })
 }
