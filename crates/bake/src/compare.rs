@@ -357,6 +357,8 @@ mod tests {
 
     use super::*;
     use crate::clock::Silent;
+    use lightkiln_light::Lighting;
+
     use crate::options::BakeOptions;
     use crate::signals::SignalChoice;
 
@@ -372,7 +374,8 @@ mod tests {
         let plan = Plan::new(&options, &surface.mesh).unwrap();
         let tracer = Tracer::new(&surface.mesh, &surface).unwrap();
         let choice: SignalChoice = signal.parse().unwrap();
-        let signal = choice.on(&surface, &tracer, &plan).unwrap();
+        let lighting = Lighting::default();
+        let signal = choice.on(&plan.stage(&surface, &tracer, &lighting)).unwrap();
         let mut clock = Clock::new(&Silent);
         compare(&surface, &*signal, choice.is_traced(), &plan, 4, 0.1, &mut clock).unwrap()
     }
@@ -409,11 +412,10 @@ mod tests {
         let surface = Surface::new(&scene, "test").unwrap();
         let plan = Plan::new(&BakeOptions::default(), &surface.mesh).unwrap();
         let tracer = Tracer::new(&surface.mesh, &surface).unwrap();
-        for choice in [SignalChoice::Occlusion, SignalChoice::Lightmap, SignalChoice::BaseColor] {
-            assert!(
-                matches!(choice.on(&surface, &tracer, &plan), Err(BakeError::NoSignal { .. })),
-                "{choice:?}"
-            );
+        let lighting = Lighting::default();
+        let stage = plan.stage(&surface, &tracer, &lighting);
+        for choice in [SignalChoice::Occlusion, SignalChoice::FileLightmap, SignalChoice::BaseColor] {
+            assert!(matches!(choice.on(&stage), Err(BakeError::NoSignal { .. })), "{choice:?}");
         }
     }
 }

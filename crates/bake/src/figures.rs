@@ -52,7 +52,7 @@ pub fn report(all: Everything<'_>) -> Report {
         input: file_name(all.input),
         output: file_name(all.output),
         settings: Settings {
-            signal: "ambient occlusion".to_owned(),
+            signal: plan.signals.to_string(),
             max_error: plan.max_error,
             detail: plan.radius * 2.0,
             radius: plan.radius,
@@ -68,6 +68,7 @@ pub fn report(all: Everything<'_>) -> Report {
         bytes,
         warnings: (all.surface.scene.warnings.iter().chain(&all.written.file.warnings))
             .map(ToString::to_string)
+            .chain(plan.light.remarks(&plan.signals, all.surface.scene))
             .collect(),
         stages: all.stages,
         peak_memory_bytes: None,

@@ -1,15 +1,20 @@
 //! The light of a baked file, read back as a viewer reads it: codes, atlas, and the settings of the bake.
 
+use std::path::Path;
+
 use lightkiln_encode::{AtlasView, LightCode, Table};
 use lightkiln_light::{Curve, Domain, Layer, Scale};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
-use lightkiln_scene::{LayerRead, Scene};
+use lightkiln_scene::{LayerRead, ReadOptions, Scene};
 use lightkiln_texel::{PngDepth, read_png};
 use serde::{Deserialize, Serialize};
 
-use crate::BakeError;
 use crate::layers::{BakedLayer, Layers};
+use crate::lighting::{LightOptions, seen_from};
+use crate::options::Plan;
+use crate::signals::Signals;
 use crate::stored::{Stored, StoredLayer};
+use crate::{BakeError, Surface};
 
 /// What the extension says beside the images: how the light was baked, so that it can be judged.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,8 +37,57 @@ pub struct Extension {
     pub texel_size: f32,
     /// Seed of the bake.
     pub seed: u64,
+    /// How the light was made.
+    pub bake: Recipe,
     /// At least one in a file that was read.
     pub layers: Vec<LayerInfo>,
+}
+
+impl Extension {
+    fn read(json: serde_json::Value, file: &str) -> Result<Self, BakeError> {
+        serde_json::from_value(json)
+            .map_err(|e| BakeError::ReadBack { what: format!("the extension of {file}: {e}") })
+    }
+}
+
+/// How light was made: enough to trace the same again. Files are named as seen from the folder of the baked file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Recipe {
+    /// The signals, as the command line takes them.
+    pub signals: String,
+    /// Where rays of occlusion ended, in units of the file; absent if nowhere.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub distance: Option<f32>,
+    /// Which light there was and what it met.
+    #[serde(default)]
+    pub light: LightOptions,
+}
+
+impl Recipe {
+    /// How a plan makes light, for a file in a folder.
+    pub fn new(plan: &Plan, folder: &Path) -> Self {
+        Self {
+            signals: plan.signals.map_files(|path| seen_from(path, folder)).to_string(),
+            distance: plan.ao_distance.is_finite().then_some(plan.ao_distance),
+            light: plan.light.map_files(|path| seen_from(path, folder)),
+        }
+    }
+
+    /// The signals and the light, with files named as seen from here.
+    ///
+    /// # Errors
+    /// [`BakeError::ReadBack`] for signals that this program does not know.
+    pub fn read(&self, folder: &Path) -> Result<(Signals, LightOptions), BakeError> {
+        let signals: Signals = self.signals.parse().map_err(|what: String| BakeError::ReadBack { what })?;
+        let found = |path: &Path| folder.join(path);
+        Ok((signals.map_files(found), self.light.map_files(found)))
+    }
+
+    /// Where rays of occlusion ended; infinite if nowhere.
+    pub fn reach(&self) -> f32 {
+        self.distance.unwrap_or(f32::INFINITY)
+    }
 }
 
 /// What the extension says about a layer.
@@ -53,14 +107,11 @@ pub struct LayerInfo {
     pub white: Option<f32>,
     /// Unit of the range.
     pub unit: String,
-    /// Rays ended here, in units of the file; absent if nowhere.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub distance: Option<f32>,
 }
 
 impl LayerInfo {
     /// What the extension says about a layer of a bake.
-    pub fn new(layer: &BakedLayer, distance: f32) -> Self {
+    pub fn new(layer: &BakedLayer) -> Self {
         let (curve, white) = match layer.scale.curve {
             Curve::Linear => ("linear", None),
             Curve::Log { white } => ("log", Some(white)),
@@ -72,7 +123,6 @@ impl LayerInfo {
             range: [layer.scale.low, layer.scale.high],
             white,
             unit: if white.is_some() { "lux" } else { "none" }.to_owned(),
-            distance: distance.is_finite().then_some(distance),
         }
     }
 
@@ -115,20 +165,19 @@ impl FileLight {
     /// # Errors
     /// [`BakeError::NotBaked`] for a file without our extension, [`BakeError::ReadBack`] for one whose parts do
     /// not fit each other, and errors of the readers.
-    pub fn read(scene: &Scene, file: &str) -> Result<Self, BakeError> {
-        let Some(lightmap) = scene.read_lightmap()? else {
+    pub fn read(surface: &Surface<'_>, file: &str) -> Result<Self, BakeError> {
+        let Some(lightmap) = surface.scene.read_lightmap()? else {
             return Err(BakeError::NotBaked { file: file.to_owned() });
         };
         let faulty = |what: String| BakeError::ReadBack { what };
-        let extension: Extension = serde_json::from_value(lightmap.extension)
-            .map_err(|e| faulty(format!("the extension of {file}: {e}")))?;
+        let extension = Extension::read(lightmap.extension, file)?;
         let size = extension.page_size.unwrap_or_default();
         let (mut layers, mut codes, mut images) = (Vec::new(), Vec::new(), Vec::new());
         let mut first = 0;
         for (number, (info, read)) in extension.layers.iter().zip(&lightmap.layers).enumerate() {
             let layer =
                 info.layer(first).ok_or_else(|| faulty(format!("layer {number} of {file} has no scale")))?;
-            codes.push(layer_codes(scene, read).map_err(faulty)?);
+            codes.push(layer_codes(surface, read).map_err(faulty)?);
             images.push(layer_images(info, read, size)?);
             first += info.channels;
             layers.push(layer);
@@ -139,17 +188,25 @@ impl FileLight {
         Ok(Self { extension, layers: Layers::of(layers), stored: Stored { size, layers: images }, codes })
     }
 
+    /// How the light of a file was made, read without the scene's colors.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn recipe(path: &Path, scene: Option<usize>) -> Result<Recipe, BakeError> {
+        let file = crate::file_name(path);
+        let scene = Scene::read(path, &ReadOptions { scene, ..ReadOptions::default() })?;
+        match scene.read_lightmap()? {
+            Some(lightmap) => Ok(Extension::read(lightmap.extension, &file)?.bake),
+            None => Err(BakeError::NotBaked { file }),
+        }
+    }
+
     /// The atlas of each layer as a lookup reads it.
     ///
     /// # Errors
     /// [`BakeError::Encode`] for pages that do not have their size; `read` has checked that.
     pub fn views(&self) -> Result<Vec<AtlasView<'_>>, BakeError> {
         self.stored.views()
-    }
-
-    /// Where the rays of the light ended.
-    pub fn distance(&self) -> f32 {
-        self.extension.layers.first().and_then(|l| l.distance).unwrap_or(f32::INFINITY)
     }
 
     /// Pages of the atlas.
@@ -176,9 +233,12 @@ impl FileLight {
 }
 
 /// The codes of a layer, triangle by triangle of the light mesh.
-fn layer_codes(scene: &Scene, read: &LayerRead) -> Result<Vec<[LightCode; 3]>, String> {
-    let mut codes = Vec::with_capacity(scene.parts.iter().map(|p| p.triangles.len()).sum());
-    for (number, (part, light)) in scene.parts.iter().zip(&read.parts).enumerate() {
+fn layer_codes(surface: &Surface<'_>, read: &LayerRead) -> Result<Vec<[LightCode; 3]>, String> {
+    let mut codes = Vec::with_capacity(surface.mesh.triangle_count());
+    for (number, (part, light)) in surface.scene.parts.iter().zip(&read.parts).enumerate() {
+        if !surface.is_lit(number) {
+            continue;
+        }
         if light.len() != part.triangles.len() {
             return Err(format!(
                 "part {number} (node {}) has light for {} of {} triangles",

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`options`] | what is asked for, and the plan that follows |
 //! | [`surface`] | parts of the scene to one light mesh |
+//! | [`lighting`] | which light there is and what it meets |
 //! | [`layers`] | what stored values mean, and what an error is |
 //! | [`shade`] | light, fit, classify: rays where a decision is open |
 //! | [`rounds`] | chart, texel, encode, check, until the bound holds |
@@ -28,6 +29,7 @@ pub mod figures;
 pub mod file_light;
 pub mod inspect;
 pub mod layers;
+pub mod lighting;
 pub mod options;
 pub mod output;
 pub mod rounds;
@@ -39,10 +41,10 @@ pub mod verify;
 
 use std::path::Path;
 
-use lightkiln_light::{AmbientOcclusion, Tracer};
+use lightkiln_light::Tracer;
 use lightkiln_report::Report;
 use lightkiln_sample::{SampleOptions, poisson_disk};
-use lightkiln_scene::{ReadOptions, Scene};
+use lightkiln_scene::Scene;
 
 pub use clock::{Clock, Progress, Silent};
 pub use error::BakeError;
@@ -60,7 +62,7 @@ pub struct Baked {
     pub inputs: Vec<std::path::PathBuf>,
 }
 
-/// Bakes ambient occlusion onto a scene and writes it.
+/// Bakes light onto a scene and writes it: ambient occlusion, unless other signals are asked for.
 ///
 /// The same input, options and seed give the same bytes for any number of threads.
 ///
@@ -74,22 +76,26 @@ pub fn bake(
 ) -> Result<Baked, BakeError> {
     let mut clock = Clock::new(progress);
     clock.stage("read");
-    let scene = Scene::read(input, &ReadOptions { scene: options.scene, ..ReadOptions::default() })?;
+    let colors = options.signals.needs_surfaces();
+    let scene = Scene::read(input, &options.light.read_options(options.scene, colors))?;
+    let occluders = options.light.read_occluders(colors)?;
+    let lighting = options.light.lighting_for(&options.signals, &scene)?;
     clock.stage("weld");
-    let surface = Surface::new(&scene, &file_name(input))?;
+    let surface = Surface::with(&scene, &file_name(input), options.light.cast(&scene, &occluders)?)?;
     let plan = Plan::new(options, &surface.mesh)?;
     clock.stage("sample");
     let samples = poisson_disk(&surface.mesh, &SampleOptions { radius: plan.radius, seed: plan.seed })?;
     clock.stage("light");
-    let tracer = Tracer::new(&surface.mesh, &surface)?;
-    let signal = AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, plan.seed);
+    let tracer = Tracer::new(surface.casters(), &surface)?;
     surface.turn_hidden_sheets(&tracer, plan.ao_distance);
-    let mut lit = shade::light_fit_classify(&surface, &signal, samples, &plan, &mut clock)?;
-    let seen = verify::seen_points(&surface, &signal, &lit, &plan, &mut clock);
+    let signal = plan.signals.on(&plan.stage(&surface, &tracer, &lighting))?;
+    let signal = signal.as_ref();
+    let mut lit = shade::light_fit_classify(&surface, signal, samples, &plan, &mut clock)?;
+    let seen = verify::seen_points(&surface, signal, &lit, &plan, &mut clock);
     lit.tighten(&surface, &seen, &plan);
-    let shown = rounds::chart_texel_encode(&surface, &signal, &lit, &seen, &plan, &mut clock)?;
+    let shown = rounds::chart_texel_encode(&surface, signal, &lit, &seen, &plan, &mut clock)?;
     let written = output::write(&surface, &lit.layers, &shown, &plan, options, output, &mut clock)?;
-    let errors = verify::written_file(&surface, &signal, &lit, &seen, &shown, &written, &plan, &mut clock)?;
+    let errors = verify::written_file(&surface, signal, &lit, &seen, &shown, &written, &plan, &mut clock)?;
     let report = figures::report(figures::Everything {
         input,
         output,
@@ -102,7 +108,10 @@ pub fn bake(
         errors,
         stages: clock.finish(),
     });
-    Ok(Baked { report, outputs: written.outputs, inputs: scene.inputs() })
+    let mut inputs = scene.inputs();
+    inputs.extend(occluders.iter().flat_map(Scene::inputs));
+    inputs.extend(options.light.environment.iter().chain(options.signals.files()).cloned());
+    Ok(Baked { report, outputs: written.outputs, inputs })
 }
 
 /// The name of a file without its folder, for messages.

@@ -1,9 +1,13 @@
 //! What a bake is asked to do, and the plan that follows from it once the scene is known.
 
+use lightkiln_light::{Lighting, Tracer};
 use lightkiln_mesh::Mesh;
 use lightkiln_scene::Fallback;
 
 use crate::BakeError;
+use crate::lighting::LightOptions;
+use crate::signals::{Signals, Stage};
+use crate::surface::Surface;
 
 /// How much work a bake may do. The bound is the same in all three; what changes is the detail that is looked
 /// at, and how often noise leaves a decision open.
@@ -89,6 +93,14 @@ pub struct Effort {
 /// Options of a bake; the defaults suit a file that nobody has seen before.
 #[derive(Clone, Debug)]
 pub struct BakeOptions {
+    /// What is baked, a layer or more each.
+    pub signals: Signals,
+    /// Which light there is and what it meets.
+    pub light: LightOptions,
+    /// Colors of vertices as entries of a table instead of packed into the codes.
+    pub table: bool,
+    /// The textures of the file that the light takes the place of leave it.
+    pub replace: bool,
     /// Largest absolute error as a share of the signal's range, above 0 and below 1.
     pub max_error: f32,
     /// Smallest feature kept, in units of the file. Excludes `samples`.
@@ -118,6 +130,10 @@ pub const DEFAULT_DISTANCE: f32 = 0.1;
 impl Default for BakeOptions {
     fn default() -> Self {
         Self {
+            signals: Signals::default(),
+            light: LightOptions::default(),
+            table: false,
+            replace: false,
             max_error: 0.03,
             detail: None,
             samples: None,
@@ -135,6 +151,12 @@ impl Default for BakeOptions {
 /// The options with every default filled in for one scene.
 #[derive(Clone, Debug)]
 pub struct Plan {
+    /// What is baked.
+    pub signals: Signals,
+    /// Which light there is and what it meets.
+    pub light: LightOptions,
+    /// Colors of vertices as entries of a table.
+    pub table: bool,
     /// Largest absolute error.
     pub max_error: f32,
     /// Poisson radius and width of a texel, in units of the file: half the detail (Schaefer 5, Nyquist).
@@ -161,6 +183,16 @@ pub const CONFIDENCE: f32 = 3.0;
 pub const GUTTER_TEXELS: u32 = 1;
 
 impl Plan {
+    /// What the signals are made of.
+    pub fn stage<'a>(
+        &'a self,
+        surface: &'a Surface<'a>,
+        tracer: &'a Tracer<'a>,
+        lighting: &'a Lighting,
+    ) -> Stage<'a> {
+        Stage { surface, tracer, lighting, options: &self.light, distance: self.ao_distance, seed: self.seed }
+    }
+
     /// Fills in the defaults.
     ///
     /// # Errors
@@ -197,6 +229,9 @@ impl Plan {
             None => diagonal * DEFAULT_DISTANCE,
         };
         Ok(Self {
+            signals: options.signals.clone(),
+            light: options.light.clone(),
+            table: options.table,
             max_error: options.max_error,
             radius,
             ao_distance,

@@ -10,7 +10,7 @@ use lightkiln_texel::{ExrDepth, PngDepth, write_exr, write_png};
 use rayon::prelude::*;
 
 use crate::clock::Clock;
-use crate::file_light::{Extension, LayerInfo};
+use crate::file_light::{Extension, LayerInfo, Recipe};
 use crate::layers::{BakedLayer, Layers};
 use crate::options::{BakeOptions, Plan};
 use crate::rounds::Shown;
@@ -56,11 +56,11 @@ pub fn write(
         detail: plan.radius * 2.0,
         texel_size: plan.radius,
         seed: plan.seed,
+        bake: Recipe::new(plan, output.parent().unwrap_or(Path::new(""))),
         layers: Vec::new(),
     };
     let files = |(layer, stored): (&BakedLayer, &StoredLayer)| -> Result<LayerFiles, BakeError> {
-        let info =
-            serde_json::to_value(LayerInfo::new(layer, plan.ao_distance)).expect("plain numbers and strings");
+        let info = serde_json::to_value(LayerInfo::new(layer)).expect("plain numbers and strings");
         Ok(LayerFiles {
             pages: if has_atlas { pages(stored, shown.stored.size)? } else { Vec::new() },
             table: stored.table.as_ref().map(table).transpose()?,
@@ -74,7 +74,7 @@ pub fn write(
             root: serde_json::to_value(&extension).expect("plain numbers and strings"),
         },
         fallback: options.fallback,
-        remove: Vec::new(),
+        remove: if options.replace { plan.signals.replaced() } else { Vec::new() },
     };
     let file = lightkiln_scene::write(surface.scene, &light, output)?;
     let mut outputs: Vec<PathBuf> = file.files.iter().map(|f| f.path.clone()).collect();

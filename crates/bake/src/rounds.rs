@@ -162,6 +162,9 @@ pub const LIGHT_STRIDE: u32 = 4;
 /// Share of the atlas that charts and their gutters fill; docs/PACKING.md has the measurements.
 const EXPECTED_FILL: f64 = 0.8;
 
+/// How far an entry of a table may be from the colors that it stands for, as a share of the bound.
+const TABLE_SHARE: f32 = 0.2;
+
 type Kept = HashMap<Vec<TriangleId>, Region>;
 
 /// One round: charts, texels, codes.
@@ -198,7 +201,7 @@ fn show(
     clock.stage("pack");
     let packing = pack(&charts, &PackOptions { gutter: GUTTER_TEXELS, ..PackOptions::default() })?;
     let atlas = compose(&charts, &texels, &values, channels, &packing)?;
-    let stored = Stored::new(&atlas, &lit.layers, plan.max_error);
+    let mut stored = Stored::new(&atlas, &lit.layers, plan.max_error);
 
     clock.stage("encode");
     let (mut codes, mut encoded) = (Vec::new(), EncodeReport::default());
@@ -221,6 +224,13 @@ fn show(
         )?;
         codes.push(of_layer);
         encoded = report;
+    }
+    if plan.table {
+        for ((codes, layer), stored) in codes.iter_mut().zip(&lit.layers.layers).zip(&mut stored.layers) {
+            let bound = plan.max_error * TABLE_SHARE * layer.scale.error_unit();
+            let (indices, table) = codes.to_table(layer.layer.channels, bound)?;
+            (*codes, stored.table) = (indices, Some(table));
+        }
     }
     Ok(Shown {
         is_texture: Vec::new(),

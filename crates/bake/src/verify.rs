@@ -2,13 +2,13 @@
 //! converged references.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use lightkiln_light::{AmbientOcclusion, Estimates, Signal, Tracer};
+use lightkiln_light::{Estimates, Signal, Tracer};
 use lightkiln_mesh::{SurfacePoint, TriangleId, VertexId, random};
 use lightkiln_report::{BoundCheck, Coarse, ErrorSummary, Errors, LayerError};
 use lightkiln_sample::fresh_points;
-use lightkiln_scene::{ReadOptions, Scene};
+use lightkiln_scene::Scene;
 use rayon::prelude::*;
 
 use crate::clock::{Clock, Progress};
@@ -17,6 +17,7 @@ use crate::options::{CONFIDENCE, Plan};
 use crate::output::Written;
 use crate::rounds::Shown;
 use crate::shade::{Lit, interpolate, refine};
+use crate::signals::Stage;
 use crate::{BakeError, FileLight, Surface};
 
 /// How many nodes with coarse texels a report names.
@@ -227,11 +228,10 @@ pub fn written_file(
     clock: &mut Clock<'_>,
 ) -> Result<(Errors, u64), BakeError> {
     clock.stage("verify");
-    let scene =
-        Scene::read(&written.scene, &ReadOptions { scene: written.scene_number, ..ReadOptions::default() })?;
+    let scene = Scene::read(&written.scene, &plan.light.read_options(written.scene_number, false))?;
     let file = crate::file_name(&written.scene);
-    let light = FileLight::read(&scene, &file)?;
-    let again = Surface::new(&scene, &file)?;
+    let again = Surface::with(&scene, &file, plan.light.cast(&scene, &[])?)?;
+    let light = FileLight::read(&again, &file)?;
     same_geometry(surface, &again)?;
     let views = light.views()?;
 
@@ -306,7 +306,7 @@ fn point_samples(
 }
 
 /// What `verify` traces.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct VerifyOptions {
     /// Fresh points.
     pub points: usize,
@@ -316,6 +316,8 @@ pub struct VerifyOptions {
     pub seed: u64,
     /// Which scene of the file; its default scene if none.
     pub scene: Option<usize>,
+    /// The surroundings, where they lie elsewhere than the file says.
+    pub environment: Option<PathBuf>,
 }
 
 /// Reads a baked file, decodes what the GPU shows, and compares it with freshly traced light.
@@ -329,18 +331,33 @@ pub fn verify_file(
 ) -> Result<Errors, BakeError> {
     let mut clock = Clock::new(progress);
     clock.stage("read");
-    let scene = Scene::read(path, &ReadOptions { scene: options.scene, ..ReadOptions::default() })?;
     let file = crate::file_name(path);
-    let light = FileLight::read(&scene, &file)?;
-    let surface = Surface::new(&scene, &file)?;
-    let tracer = Tracer::new(&surface.mesh, &surface)?;
-    let distance = light.distance();
-    let signal = AmbientOcclusion::new(&tracer, &surface.mesh, distance, options.seed ^ VERIFY_STREAM);
-    surface.turn_hidden_sheets(&tracer, distance);
+    let recipe = FileLight::recipe(path, options.scene)?;
+    let (signals, mut light_options) = recipe.read(path.parent().unwrap_or(Path::new("")))?;
+    if let Some(environment) = &options.environment {
+        light_options.environment = Some(environment.clone());
+    }
+    let colors = signals.needs_surfaces();
+    let scene = Scene::read(path, &light_options.read_options(options.scene, colors))?;
+    let occluders = light_options.read_occluders(colors)?;
+    let lighting = light_options.lighting_for(&signals, &scene)?;
+    let surface = Surface::with(&scene, &file, light_options.cast(&scene, &occluders)?)?;
+    let light = FileLight::read(&surface, &file)?;
+    let tracer = Tracer::new(surface.casters(), &surface)?;
+    surface.turn_hidden_sheets(&tracer, recipe.reach());
+    let signal = signals.on(&Stage {
+        surface: &surface,
+        tracer: &tracer,
+        lighting: &lighting,
+        options: &light_options,
+        distance: recipe.reach(),
+        seed: options.seed ^ VERIFY_STREAM,
+    })?;
+    let signal = signal.as_ref();
     clock.stage("verify");
     let batches = options.rays.div_ceil(signal.rays_per_batch()).clamp(2, u32::from(u16::MAX)) as u16;
     let seed = options.seed ^ VERIFY_STREAM;
-    let fresh = References::trace(&surface, &signal, &light.layers, options.points, batches, seed, &clock);
+    let fresh = References::trace(&surface, signal, &light.layers, options.points, batches, seed, &clock);
     let views = light.views()?;
     let limit = light.extension.max_error;
     let shown = |p: SurfacePoint, out: &mut [f32]| light.show(&views, p, out);

@@ -6,10 +6,12 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use lightkiln_bake::signals::{SIGNALS, Signals};
 use lightkiln_bake::{BakeOptions, Quality};
 use lightkiln_scene::Fallback;
 use serde::{Deserialize, Serialize};
 
+use crate::light::LightSettings;
 use crate::messages::{Exit, Failure};
 
 /// Bakes light onto glTF meshes in the fewest bytes that keep an error bound.
@@ -87,6 +89,10 @@ pub struct Common {
 #[derive(Args, Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct BakeSettings {
+    /// What to bake: one signal, or several with + between them [default: ao]
+    #[arg(long, value_name = "SIGNAL", long_help = format!("What to bake [default: ao]; several with + between them share samples and the atlas:\n{SIGNALS}"))]
+    #[serde(default, with = "signals_as_text")]
+    pub signal: Option<Signals>,
     /// Largest error, as a share of the signal's range [default: 0.03]
     #[arg(long, value_name = "E")]
     pub max_error: Option<f32>,
@@ -118,6 +124,36 @@ pub struct BakeSettings {
     #[arg(long)]
     #[serde(default)]
     pub exr: bool,
+    /// Store vertex colors as entries of a table, not packed into the attribute
+    #[arg(long)]
+    #[serde(default)]
+    pub table: bool,
+    /// Take the textures out of the file that the light stands for (occlusion, file-lightmap)
+    #[arg(long)]
+    #[serde(default)]
+    pub replace: bool,
+    /// Which light there is and what it meets; in a configuration file: the table [light]
+    #[command(flatten)]
+    #[serde(default)]
+    pub light: LightSettings,
+}
+
+/// Signals in a configuration file: as on the command line.
+mod signals_as_text {
+    use lightkiln_bake::signals::Signals;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(signals: &Option<Signals>, serializer: S) -> Result<S::Ok, S::Error> {
+        match signals {
+            Some(signals) => serializer.serialize_str(&signals.to_string()),
+            None => serializer.serialize_none(),
+        }
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Signals>, D::Error> {
+        let text = Option::<String>::deserialize(deserializer)?;
+        text.map(|text| text.parse().map_err(serde::de::Error::custom)).transpose()
+    }
 }
 
 /// Names of [`Quality`] on the command line.
@@ -221,6 +257,10 @@ impl BakeSettings {
             scene: self.scene.or(file.scene),
             max_bytes: self.max_bytes.or(file.max_bytes),
             exr: self.exr || file.exr,
+            table: self.table || file.table,
+            replace: self.replace || file.replace,
+            signal: self.signal.or(file.signal),
+            light: self.light.or(file.light),
         }
     }
 
@@ -228,12 +268,16 @@ impl BakeSettings {
     pub fn options(&self) -> BakeOptions {
         let defaults = BakeOptions::default();
         BakeOptions {
+            signals: self.signal.clone().unwrap_or_default(),
+            light: self.light.options(),
+            table: self.table,
+            replace: self.replace,
             max_error: self.max_error.unwrap_or(defaults.max_error),
             detail: self.detail,
             samples: self.samples,
             quality: self.quality.map_or_else(Quality::default, Quality::from),
             ao_distance: self.ao_distance,
-            white: None,
+            white: self.light.white,
             seed: self.seed.unwrap_or(defaults.seed),
             fallback: match self.fallback {
                 Some(FallbackName::None) => Fallback::None,
@@ -300,6 +344,9 @@ pub struct Verify {
     /// Which scene of the file [default: the file's default scene]
     #[arg(long, value_name = "N")]
     pub scene: Option<usize>,
+    /// The surroundings of the bake, where they lie elsewhere than the file says
+    #[arg(long, value_name = "FILE")]
+    pub environment: Option<PathBuf>,
     #[command(flatten)]
     pub common: Common,
 }
@@ -333,6 +380,9 @@ pub struct Render {
     /// Which scene of the file [default: the file's default scene]
     #[arg(long, value_name = "N")]
     pub scene: Option<usize>,
+    /// Which layer of the light, from 0
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub layer: usize,
     #[command(flatten)]
     pub common: Common,
 }

@@ -98,6 +98,9 @@ fn check_files(arguments: &Bake) -> Result<(), Failure> {
     inputs.extend(config.as_deref());
     outputs.extend(report.as_deref());
     outputs.extend(depfile.as_deref());
+    let settings = arguments.settings()?;
+    let options = settings.options();
+    inputs.extend(options.light.files().chain(options.signals.files()).map(std::path::PathBuf::as_path));
     check_outputs(&inputs, &outputs)
 }
 
@@ -140,6 +143,7 @@ fn run_verify(arguments: &Verify) -> Result<Exit, Failure> {
         rays: arguments.rays,
         seed: arguments.seed,
         scene: arguments.scene,
+        environment: arguments.environment.clone(),
     };
     let verified = lightkiln_bake::verify::verify_file(&arguments.file, &options, &stages);
     stages.finish();

@@ -13,6 +13,7 @@
 mod arguments;
 mod commands;
 mod files;
+mod light;
 mod messages;
 mod pictures;
 mod progress;

@@ -1,14 +1,19 @@
 //! The command `render`: which picture shows what.
 
+use std::path::Path;
+
 use glam::Vec3;
+
+use lightkiln_bake::file_light::Recipe;
 use lightkiln_bake::layers::Layers;
-use lightkiln_bake::{Clock, FileLight, Surface, options, shade};
+use lightkiln_bake::signals::Stage;
+use lightkiln_bake::{BakeError, Clock, FileLight, Surface, options, shade};
 use lightkiln_encode::AtlasView;
-use lightkiln_light::{AmbientOcclusion, Estimates, Hit, Signal, Tracer};
+use lightkiln_light::{Estimates, Hit, Signal, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
 use lightkiln_render::{Camera, Picture, View, render};
 use lightkiln_sample::{SampleOptions, poisson_disk};
-use lightkiln_scene::{ReadOptions, Scene};
+use lightkiln_scene::Scene;
 
 use crate::arguments::{ModeName, Render};
 use crate::commands::use_threads;
@@ -43,28 +48,27 @@ fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Pic
     let file = lightkiln_bake::file_name(&arguments.file);
     let mut clock = Clock::new(stages);
     clock.stage("read");
-    let scene =
-        Scene::read(&arguments.file, &ReadOptions { scene: arguments.scene, ..ReadOptions::default() })
-            .map_err(lightkiln_bake::BakeError::from)?;
-    let surface = Surface::new(&scene, &file)?;
-    let tracer = Tracer::new(&surface.mesh, &surface).map_err(lightkiln_bake::BakeError::from)?;
-    let light = FileLight::read(&scene, &file);
     let needs_bake = [ModeName::Light, ModeName::Classes, ModeName::Error, ModeName::Charts];
-    let light = match light {
-        Ok(light) => Some(light),
-        Err(lightkiln_bake::BakeError::NotBaked { .. })
-            if !arguments.mode.iter().any(|m| needs_bake.contains(m)) =>
-        {
-            None
-        }
+    let recipe = match FileLight::recipe(&arguments.file, arguments.scene) {
+        Ok(recipe) => Some(recipe),
+        Err(BakeError::NotBaked { .. }) if !arguments.mode.iter().any(|m| needs_bake.contains(m)) => None,
         Err(error) => return Err(error.into()),
     };
-    let (low, high) = surface.mesh.bounds();
-    let diagonal = (high - low).length();
-    let distance = match &light {
-        Some(light) => light.distance(),
-        None => diagonal * options::DEFAULT_DISTANCE,
+    let folder = arguments.file.parent().unwrap_or(Path::new(""));
+    let (signals, options) = match &recipe {
+        Some(recipe) => recipe.read(folder)?,
+        None => Default::default(),
     };
+    let colors = signals.needs_surfaces();
+    let scene = Scene::read(&arguments.file, &options.read_options(arguments.scene, colors))
+        .map_err(BakeError::from)?;
+    let occluders = options.read_occluders(colors)?;
+    let lighting = options.lighting_for(&signals, &scene)?;
+    let surface = Surface::with(&scene, &file, options.cast(&scene, &occluders)?)?;
+    let light = recipe.as_ref().map(|_| FileLight::read(&surface, &file)).transpose()?;
+    let tracer = Tracer::new(surface.casters(), &surface).map_err(BakeError::from)?;
+    let (low, high) = surface.mesh.bounds();
+    let distance = recipe.as_ref().map_or((high - low).length() * options::DEFAULT_DISTANCE, Recipe::reach);
     surface.turn_hidden_sheets(&tracer, distance);
     let target = match arguments.target.as_deref() {
         Some([x, y, z]) => Some(Vec3::new(*x, *y, *z)),
@@ -74,20 +78,31 @@ fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Pic
         }
         None => None,
     };
-    let signal = AmbientOcclusion::new(&tracer, &surface.mesh, distance, PICTURE_SEED);
+    let signal = signals.on(&Stage {
+        surface: &surface,
+        tracer: &tracer,
+        lighting: &lighting,
+        options: &options,
+        distance,
+        seed: PICTURE_SEED,
+    })?;
     let layers = match &light {
         Some(light) => light.layers.clone(),
-        None => Layers::new(&signal, &Estimates::new(0, signal.channels()), &[], None),
+        None => Layers::new(signal.as_ref(), &Estimates::new(0, signal.channels()), &[], None),
     };
+    if arguments.layer >= layers.layers.len() {
+        let what = format!("--layer is {}, but there are {}", arguments.layer, layers.layers.len());
+        return Err(Failure::new(Exit::Usage, what).remedy("layers count from 0; see `lightkiln inspect`"));
+    }
     let camera = Camera::framing(&surface.mesh.positions, target, view, arguments.zoom);
     let studio = Studio {
         surface: &surface,
         tracer: &tracer,
         light: light.as_ref(),
         views: light.as_ref().map(FileLight::views).transpose()?,
-        signal: Box::new(signal),
+        signal,
         layers,
-        layer: 0,
+        layer: arguments.layer,
         camera,
         size: arguments.size as usize,
         rays: arguments.rays,
@@ -257,7 +272,7 @@ impl Studio<'_> {
 
     fn least_squares(&self, radius: f32, clock: &mut Clock<'_>) -> Result<Vec<f32>, Failure> {
         let samples = poisson_disk(&self.surface.mesh, &SampleOptions { radius, seed: PICTURE_SEED })
-            .map_err(lightkiln_bake::BakeError::from)?;
+            .map_err(BakeError::from)?;
         Ok(shade::light_and_fit(self.surface, self.signal.as_ref(), &self.layers, samples, 8, clock)?)
     }
 }

@@ -6,14 +6,15 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use lightkiln_bake::compare::{Comparison, Gathered, Row, Tried, Way, compare, try_all};
-use lightkiln_bake::signals::{SIGNALS, SignalChoice};
+use lightkiln_bake::lighting::LightOptions;
+use lightkiln_bake::signals::{SIGNALS, SignalChoice, Signals};
 use lightkiln_bake::{BakeError, BakeOptions, Clock, Plan, Surface};
 use lightkiln_fit::{Mass, Method, Regularizer};
 use lightkiln_light::{Hit, Signal, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
 use lightkiln_render::{Camera, Picture, View, render};
 use lightkiln_report::bytes_text;
-use lightkiln_scene::{ReadOptions, Scene};
+use lightkiln_scene::Scene;
 
 use crate::arguments::{Common, QualityName};
 use crate::commands::{print, use_threads};
@@ -195,8 +196,11 @@ impl Sampling {
         work: impl FnOnce(Ready<'_>, &mut Clock<'_>) -> Result<R, Failure>,
     ) -> Result<R, Failure> {
         clock.stage("read");
-        let options = ReadOptions { scene: self.scene, ..ReadOptions::default() };
+        let signals = Signals(vec![self.signal.clone()]);
+        let light = LightOptions::default();
+        let options = light.read_options(self.scene, signals.needs_surfaces());
         let scene = Scene::read(&self.file, &options).map_err(BakeError::from)?;
+        let lighting = light.lighting_for(&signals, &scene)?;
         let surface = Surface::new(&scene, &lightkiln_bake::file_name(&self.file))?;
         let options = BakeOptions {
             quality: self.quality.map_or_else(Default::default, Into::into),
@@ -209,7 +213,7 @@ impl Sampling {
         let plan = Plan::new(&options, &surface.mesh)?;
         let tracer = Tracer::new(&surface.mesh, &surface).map_err(BakeError::from)?;
         surface.turn_hidden_sheets(&tracer, plan.ao_distance);
-        let signal = self.signal.on(&surface, &tracer, &plan)?;
+        let signal = self.signal.on(&plan.stage(&surface, &tracer, &lighting))?;
         // Where nothing is traced, one look is enough.
         let batches =
             if self.signal.is_traced() { self.rays.div_ceil(signal.rays_per_batch()) as u16 } else { 1 };
