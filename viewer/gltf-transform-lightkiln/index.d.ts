@@ -11,6 +11,7 @@ interface ILightmap extends IProperty {
   images: LightmapImage[]
   fallback: string
   color0: string
+  triangles: number
 }
 
 /** The light of a file: `document.getRoot().getExtension('LIGHTKILN_lightmap')`. */
@@ -28,6 +29,9 @@ export class Lightmap extends ExtensionProperty<ILightmap> {
   setFallback(semantic: string): this
   getColor0(): string
   setColor0(semantic: string): this
+  /** Triangles that the light was baked for; writing warns when some of them are gone. */
+  getTriangles(): number
+  setTriangles(count: number): this
 }
 
 /** `new NodeIO().registerExtensions([...ALL_EXTENSIONS, LightkilnLightmap])`. */

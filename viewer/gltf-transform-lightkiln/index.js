@@ -23,7 +23,7 @@ export class Lightmap extends ExtensionProperty {
   }
 
   getDefaults() {
-    return Object.assign(super.getDefaults(), { def: {}, images: [], fallback: '', color0: '' })
+    return Object.assign(super.getDefaults(), { def: {}, images: [], fallback: '', color0: '', triangles: 0 })
   }
 
   /** The root object as in the file; `pages` and `table` count our images. */
@@ -38,6 +38,9 @@ export class Lightmap extends ExtensionProperty {
   /** The attribute that keeps the asset's own colors where they were replaced, or ''. */
   getColor0() { return this.get('color0') }
   setColor0(semantic) { return this.set('color0', semantic) }
+  /** How many triangles the light was baked for, see `countTriangles`. */
+  getTriangles() { return this.get('triangles') }
+  setTriangles(count) { return this.set('triangles', count) }
 }
 
 export class LightkilnLightmap extends Extension {
@@ -78,6 +81,7 @@ export class LightkilnLightmap extends Extension {
       .setImages(images)
       .setFallback(fallback)
       .setColor0(color0)
+      .setTriangles(countTriangles(this.document, lightmap.layers))
     this.document.getRoot().setExtension(EXTENSION, property)
     return this
   }
@@ -124,6 +128,11 @@ export class LightkilnLightmap extends Extension {
     json.extensions ??= {}
     json.extensions[EXTENSION] = { ...lightmap.getDef(), layers }
     writePrimitives(json, lightmap)
+    const lost = lightmap.getTriangles() - countTriangles(this.document, layers)
+    if (lost > 0) {
+      this.document.getLogger().warn(`${EXTENSION}: ${lost} triangles with light are gone, and their neighbours may show `
+        + 'light of other places; do not simplify a baked file (optimize --simplify false)')
+    }
     return this
   }
 }
@@ -149,6 +158,21 @@ function readPrimitives(json, context, layers) {
     })
   })
   return { fallback: common.fallback ?? '', color0: common.color0 }
+}
+
+/** Triangles with light as they are drawn, instances included. */
+function countTriangles(document, layers) {
+  let count = 0
+  const visit = (node) => {
+    const instances = node.getExtension('EXT_mesh_gpu_instancing')?.listAttributes()[0]?.getCount() ?? 1
+    for (const primitive of node.getMesh()?.listPrimitives() ?? []) {
+      if (!layers.every(({ attribute }) => primitive.getAttribute(attribute) !== null)) continue
+      const corners = (primitive.getIndices() ?? primitive.getAttribute('POSITION'))?.getCount() ?? 0
+      count += instances * Math.floor(corners / 3)
+    }
+  }
+  for (const scene of document.getRoot().listScenes()) scene.traverse(visit)
+  return count
 }
 
 function writePrimitives(json, lightmap) {

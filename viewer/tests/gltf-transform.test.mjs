@@ -10,7 +10,7 @@ import { fileURLToPath } from 'node:url'
 import { promisify } from 'node:util'
 import * as functions from '@gltf-transform/functions'
 import { EXTENSION } from 'lightkiln-format'
-import { MeshoptEncoder } from 'meshoptimizer'
+import { MeshoptEncoder, MeshoptSimplifier } from 'meshoptimizer'
 import { bakedFiles, baked, withAllForms } from './baked.mjs'
 import { addLayer, scalarCode, square } from './layers.mjs'
 import { imageBytes, readGlb, writeGlb } from './glb.mjs'
@@ -145,6 +145,20 @@ test('a .gltf gets its pages as files', async () => {
   assert.deepEqual(Buffer.from(resources[uri]), (await pagesOf(bytes))[0][0])
   const back = await io.writeBinary(await io.readJSON({ json, resources }))
   assert.deepEqual(await pagesOf(back), await pagesOf(bytes))
+})
+
+test('simplifying a baked file is warned of, and nothing else is', async () => {
+  const warnings = async (...steps) => {
+    const found = []
+    const document = await io.readBinary(baked('instances'))
+    document.setLogger({ debug() {}, info() {}, error() {}, warn: (text) => found.push(text) })
+    await document.transform(...steps)
+    await io.writeBinary(document)
+    return found.filter((text) => text.includes(EXTENSION))
+  }
+  assert.deepEqual(await warnings(functions.dedup(), functions.instance({ min: 2 }), functions.weld()), [])
+  const [warning] = await warnings(functions.simplify({ simplifier: MeshoptSimplifier, ratio: 0, error: 1e-3 }))
+  assert.match(warning, /[0-9]+ triangles with light are gone.*--simplify false/)
 })
 
 test('optimize of the command line keeps the light by its --config', async (t) => {
