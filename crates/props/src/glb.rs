@@ -4,7 +4,7 @@ use glam::Vec3;
 use serde_json::{Map, Value, json};
 
 use crate::PropsError;
-use crate::model::{Alpha, Assembly, Material, Place, Surface};
+use crate::model::{Alpha, Assembly, Light, LightKind, Material, Place, Surface};
 
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
@@ -133,7 +133,33 @@ pub fn write(assembly: &Assembly) -> Result<Vec<u8>, PropsError> {
             json!([{ "magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497 }]);
         document["images"] = json!(images);
     }
+    if !assembly.lights.is_empty() {
+        let lights: Vec<Value> = assembly.lights.iter().map(light).collect();
+        document["extensions"] = json!({ "KHR_lights_punctual": { "lights": lights } });
+    }
+    let used = [
+        ("KHR_lights_punctual", !assembly.lights.is_empty()),
+        ("KHR_materials_emissive_strength", assembly.materials.iter().any(|m| m.emissive_strength != 1.0)),
+        ("KHR_materials_transmission", assembly.materials.iter().any(|m| m.transmission > 0.0)),
+    ];
+    let used: Vec<&str> = used.into_iter().filter_map(|(name, is)| is.then_some(name)).collect();
+    if !used.is_empty() {
+        document["extensionsUsed"] = json!(used);
+    }
     container(&document, buffer.bytes)
+}
+
+fn light(light: &Light) -> Value {
+    let mut value = json!({ "name": light.name, "color": light.color, "intensity": light.intensity });
+    value["type"] = match light.kind {
+        LightKind::Sun => json!("directional"),
+        LightKind::Point => json!("point"),
+        LightKind::Spot { inner, outer } => {
+            value["spot"] = json!({ "innerConeAngle": inner, "outerConeAngle": outer });
+            json!("spot")
+        }
+    };
+    value
 }
 
 fn container(document: &Value, binary: Vec<u8>) -> Result<Vec<u8>, PropsError> {
@@ -171,6 +197,13 @@ fn material(m: &Material) -> Value {
     if m.emissive != [0.0; 3] {
         value["emissiveFactor"] = json!(m.emissive);
     }
+    if m.emissive_strength != 1.0 {
+        value["extensions"]["KHR_materials_emissive_strength"] =
+            json!({ "emissiveStrength": m.emissive_strength });
+    }
+    if m.transmission > 0.0 {
+        value["extensions"]["KHR_materials_transmission"] = json!({ "transmissionFactor": m.transmission });
+    }
     match m.alpha {
         Alpha::Opaque => {}
         Alpha::Mask(cutoff) => {
@@ -190,6 +223,9 @@ fn node(assembly: &Assembly, i: usize) -> Value {
     let mut value = json!({ "name": node.name });
     if let Some(mesh) = node.mesh {
         value["mesh"] = json!(mesh.0);
+    }
+    if let Some(light) = node.light {
+        value["extensions"] = json!({ "KHR_lights_punctual": { "light": light.0 } });
     }
     let default = Place::default();
     if node.place.translation != default.translation {

@@ -8,6 +8,8 @@
 //! | [`model`] | meshes, materials and nodes of a scene |
 //! | [`shapes`] | patches, panels with hems, lathes, tubes, boxes, cushions |
 //! | [`small`] | scenes of a few triangles, each for one feature |
+//! | [`lit`] | scenes with light of their own |
+//! | [`house`] | a cottage in its garden |
 //! | [`seat`] | an upholstered car seat |
 //! | [`car`] | a car of many panels |
 //! | [`picture`] | an image on a flat mesh |
@@ -15,6 +17,8 @@
 
 pub mod car;
 pub mod glb;
+pub mod house;
+pub mod lit;
 pub mod model;
 pub mod picture;
 pub mod seat;
@@ -185,6 +189,86 @@ pub const RECIPES: &[Recipe] = &[
         default_size: 400_000,
         sizes: (100_000, 13_600_000),
         make: |size, _| Ok(car::car(size)),
+    },
+    Recipe {
+        name: "house",
+        about: "a cottage in a garden: trees, ferns, grass, fence, stones",
+        size_is: "triangles",
+        default_size: 199_000,
+        sizes: (80_000, 4_000_000),
+        make: |size, _| Ok(house::house(size)),
+    },
+    Recipe {
+        name: "car_studio",
+        about: "the car on a floor under a sun",
+        size_is: "triangles",
+        default_size: 400_000,
+        sizes: (105_000, 13_600_000),
+        make: |size, _| Ok(lit::car_studio(size)),
+    },
+    Recipe {
+        name: "seat_room",
+        about: "the seat in a room with one bright panel",
+        size_is: "triangles",
+        default_size: 160_000,
+        sizes: (47_000, 4_000_000),
+        make: |size, _| Ok(lit::seat_room(size)),
+    },
+    Recipe {
+        name: "room",
+        about: "that room without the seat",
+        size_is: "squares along a wall",
+        default_size: 24,
+        sizes: (1, 512),
+        make: |size, _| Ok(lit::room(size)),
+    },
+    Recipe {
+        name: "cornell",
+        about: "the Cornell box as it was measured, its lamp in cd/m2",
+        size_is: "squares along a wall",
+        default_size: 16,
+        sizes: (1, 512),
+        make: |size, _| Ok(lit::cornell(size)),
+    },
+    Recipe {
+        name: "furnace",
+        about: "a closed room that glows: the same light everywhere",
+        size_is: "squares along a wall",
+        default_size: 12,
+        sizes: (1, 512),
+        make: |size, _| Ok(lit::furnace(size)),
+    },
+    Recipe {
+        name: "disk_light",
+        about: "a glowing disk above a floor",
+        size_is: "squares along the floor",
+        default_size: 32,
+        sizes: (1, 2048),
+        make: |size, _| Ok(lit::disk_light(size)),
+    },
+    Recipe {
+        name: "window",
+        about: "a furnished room with one glazed window, and a sun",
+        size_is: "squares per metre",
+        default_size: 10,
+        sizes: (1, 256),
+        make: |size, _| Ok(lit::window(size)),
+    },
+    Recipe {
+        name: "leaks",
+        about: "thin walls, contact, coincident faces, open and mirrored shells under a sun",
+        size_is: "squares per metre",
+        default_size: 8,
+        sizes: (1, 256),
+        make: |size, _| Ok(lit::leaks(size)),
+    },
+    Recipe {
+        name: "punctual",
+        about: "a sun, a point and a spot over a box and a ball",
+        size_is: "squares along the floor",
+        default_size: 32,
+        sizes: (1, 2048),
+        make: |size, _| Ok(lit::punctual(size)),
     },
 ];
 

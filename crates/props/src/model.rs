@@ -60,6 +60,14 @@ impl Surface {
         self
     }
 
+    /// The surface seen from its other side.
+    #[must_use]
+    pub fn flipped(mut self) -> Self {
+        self.normals.iter_mut().for_each(|n| *n = -*n);
+        self.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        self
+    }
+
     /// The surface with y up and z to the front, from the frame in which cars and seats are drawn: x to the
     /// front, y to the left, z up.
     #[must_use]
@@ -82,8 +90,12 @@ pub struct Material {
     pub metallic: f32,
     /// 0 for mirrors, 1 for chalk.
     pub roughness: f32,
-    /// Light that it gives off.
+    /// Light that it gives off, each channel `0..=1`.
     pub emissive: [f32; 3],
+    /// What `emissive` is multiplied by: KHR_materials_emissive_strength, cd/m2.
+    pub emissive_strength: f32,
+    /// Share of light that goes straight through: KHR_materials_transmission.
+    pub transmission: f32,
     /// What alpha means.
     pub alpha: Alpha,
     /// Whether its back is seen.
@@ -113,12 +125,63 @@ impl Material {
             metallic,
             roughness,
             emissive: [0.0; 3],
+            emissive_strength: 1.0,
+            transmission: 0.0,
             alpha: Alpha::Opaque,
             double_sided: false,
             texture: None,
         }
     }
+
+    /// A rough dielectric: what light baking takes every material for.
+    pub fn matte(name: &'static str, color: [f32; 3]) -> Self {
+        Self::new(name, color, 0.0, 1.0)
+    }
+
+    /// The material giving off light.
+    ///
+    /// - `luminance`: cd/m2 in each channel
+    #[must_use]
+    pub fn glowing(mut self, luminance: [f32; 3]) -> Self {
+        let strength = luminance.into_iter().fold(0.0, f32::max);
+        self.emissive = luminance.map(|l| l / strength);
+        self.emissive_strength = strength;
+        self
+    }
 }
+
+/// A light without extent (KHR_lights_punctual). It shines along -z of its node.
+#[derive(Clone, Debug)]
+pub struct Light {
+    /// Its name.
+    pub name: &'static str,
+    /// Linear color.
+    pub color: [f32; 3],
+    /// Lux of a sun, candela of the others.
+    pub intensity: f32,
+    /// What it is.
+    pub kind: LightKind,
+}
+
+/// The kinds of [`Light`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightKind {
+    /// From infinitely far.
+    Sun,
+    /// In all directions.
+    Point,
+    /// In a cone.
+    Spot {
+        /// Half the angle within which it is at its brightest, radians.
+        inner: f32,
+        /// Half the angle beyond which it is dark.
+        outer: f32,
+    },
+}
+
+/// A light of an [`Assembly`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LightId(pub usize);
 
 /// A material of an [`Assembly`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -163,6 +226,12 @@ impl Place {
     pub fn at(x: f32, y: f32, z: f32) -> Self {
         Self { translation: Vec3::new(x, y, z), ..Self::default() }
     }
+
+    /// At `from`, with -z towards `to`: how lights are aimed.
+    pub fn aimed(from: Vec3, to: Vec3) -> Self {
+        let rotation = Quat::from_rotation_arc(Vec3::NEG_Z, (to - from).normalize());
+        Self { translation: from, rotation, ..Self::default() }
+    }
 }
 
 /// A glTF node.
@@ -172,6 +241,8 @@ pub struct Node {
     pub name: String,
     /// What it draws.
     pub mesh: Option<MeshId>,
+    /// What it shines with.
+    pub light: Option<LightId>,
     /// The node that it hangs on.
     pub parent: Option<NodeId>,
     /// Where it stands.
@@ -185,6 +256,8 @@ pub struct Assembly {
     pub materials: Vec<Material>,
     /// Meshes.
     pub meshes: Vec<Mesh>,
+    /// Lights.
+    pub lights: Vec<Light>,
     /// Nodes; a parent stands before its children.
     pub nodes: Vec<Node>,
 }
@@ -210,7 +283,7 @@ impl Assembly {
         parent: Option<NodeId>,
         place: Place,
     ) -> NodeId {
-        self.nodes.push(Node { name: name.into(), mesh, parent, place });
+        self.nodes.push(Node { name: name.into(), mesh, light: None, parent, place });
         NodeId(self.nodes.len() - 1)
     }
 
@@ -225,6 +298,14 @@ impl Assembly {
         let name = name.into();
         let mesh = self.mesh(name.clone(), surface, material);
         self.node(name, Some(mesh), parent, Place::default())
+    }
+
+    /// Adds a light and a node of the same name.
+    pub fn light(&mut self, light: Light, place: Place) -> NodeId {
+        let node = self.node(light.name, None, None, place);
+        self.nodes[node.0].light = Some(LightId(self.lights.len()));
+        self.lights.push(light);
+        node
     }
 
     /// Triangles drawn by all nodes.

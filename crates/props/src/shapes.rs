@@ -358,6 +358,70 @@ pub fn rectangle(origin: DVec3, a: DVec3, b: DVec3, steps: [usize; 2]) -> Surfac
     grid(&detail, steps, false, |u, v| (origin + a * u + b * v, n))
 }
 
+/// A sheet between four corners, counter-clockwise from the front; it need not be flat.
+pub fn quad([a, b, c, d]: [DVec3; 4], steps: [usize; 2]) -> Surface {
+    let detail = Detail { per_metre: 1.0, only_count: false };
+    let f = |u: f64, v: f64| a.lerp(b, u).lerp(d.lerp(c, u), v);
+    grid(&detail, steps, false, |u, v| (f(u, v), normal_of(&f, u, v)))
+}
+
+/// A wall that stands on the x axis with its front at z = 0, with rectangular openings; closed, and its edges pair
+/// up. Edges of openings run on across the whole wall as rows of vertices.
+///
+/// - `openings`: lower left and upper right corner, within the wall
+pub fn wall(detail: &Detail, size: [f64; 2], thickness: f64, openings: &[[f64; 4]]) -> Surface {
+    let cuts = |k: usize| {
+        let mut cuts = vec![0.0, size[k]];
+        cuts.extend(openings.iter().flat_map(|o| [o[k], o[k + 2]]));
+        cuts.sort_by(f64::total_cmp);
+        cuts.dedup();
+        cuts
+    };
+    let (xs, ys) = (cuts(0), cuts(1));
+    let depth = detail.steps(thickness, 1);
+    let solid = |i: i64, j: i64| {
+        let cell = |cuts: &[f64], k: i64| match usize::try_from(k) {
+            Ok(k) if k + 1 < cuts.len() => Some(0.5 * (cuts[k] + cuts[k + 1])),
+            _ => None,
+        };
+        let (Some(x), Some(y)) = (cell(&xs, i), cell(&ys, j)) else { return false };
+        !openings.iter().any(|o| (o[0]..o[2]).contains(&x) && (o[1]..o[3]).contains(&y))
+    };
+    let back = DVec3::NEG_Z * thickness;
+    let mut all = Surface::default();
+    let mut add = |origin: DVec3, a: DVec3, b: DVec3, steps: [usize; 2]| {
+        if detail.only_count {
+            all.count += 2 * steps[0] * steps[1];
+        } else {
+            all.append(rectangle(origin, a, b, steps));
+        }
+    };
+    for i in 0..xs.len() - 1 {
+        for j in 0..ys.len() - 1 {
+            let (cell_i, cell_j) = (i as i64, j as i64);
+            if !solid(cell_i, cell_j) {
+                continue;
+            }
+            let low = DVec3::new(xs[i], ys[j], 0.0);
+            let (x, y) = (DVec3::X * (xs[i + 1] - xs[i]), DVec3::Y * (ys[j + 1] - ys[j]));
+            let (nx, ny) = (detail.steps(x.x, 1), detail.steps(y.y, 1));
+            add(low, x, y, [nx, ny]);
+            add(low + back, y, x, [ny, nx]);
+            for (di, dj, origin, along, steps) in [
+                (-1, 0, low + y, -y, ny),
+                (1, 0, low + x, y, ny),
+                (0, -1, low, x, nx),
+                (0, 1, low + x + y, -x, nx),
+            ] {
+                if !solid(cell_i + di, cell_j + dj) {
+                    add(origin + back, along, -back, [steps, depth]);
+                }
+            }
+        }
+    }
+    all
+}
+
 /// A box with sharp edges, `steps` quads along each edge.
 pub fn cuboid(low: DVec3, high: DVec3, steps: [usize; 3]) -> Surface {
     let size = high - low;

@@ -3,7 +3,7 @@ use std::collections::HashMap;
 use glam::{DVec3, Vec3};
 
 use crate::model::{Assembly, Surface};
-use crate::shapes::{Detail, bent, cuboid, lathe, panel, rounded_box, tube};
+use crate::shapes::{Detail, bent, cuboid, lathe, panel, rounded_box, tube, wall};
 use crate::*;
 
 const DETAIL: Detail = Detail { per_metre: 20.0, only_count: false };
@@ -170,6 +170,87 @@ fn picture_is_one_sheet_of_about_as_many_triangles() {
 fn thin_wall_is_closed() {
     let scene = small::thin_wall(8);
     assert!(is_closed(&scene.meshes[1].primitives[0].0));
+}
+
+#[test]
+fn lit_scenes_are_sound() {
+    for name in ["cornell", "furnace", "disk_light", "window", "leaks", "punctual", "room"] {
+        let scene = recipe(name).unwrap().assembly(None, Diagonal::Corner).unwrap();
+        assert_scene_is_sound(&scene);
+        assert!(scene.triangle_count() > 300, "{name}");
+    }
+}
+
+#[test]
+fn walls_with_openings_are_closed() {
+    let shape = wall(&DETAIL, [3.0, 2.0], 0.2, &[[0.5, 0.0, 1.2, 1.5], [1.7, 0.6, 2.4, 1.5]]);
+    assert_sound(&shape, "wall");
+    assert!(is_closed(&shape));
+    let solid = 3.0 * 2.0 - 0.7 * 1.5 - 0.7 * 0.9;
+    assert!((volume(&shape) - 0.2 * solid).abs() < 1e-6, "{}", volume(&shape));
+}
+
+#[test]
+fn lit_scenes_have_the_light_they_promise() {
+    let json = |name: &str| -> serde_json::Value {
+        let bytes = scene(name, None).unwrap();
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        serde_json::from_slice(&bytes[20..20 + length]).unwrap()
+    };
+    let strength = |name: &str, material: usize| {
+        json(name)["materials"][material]["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"]
+            .as_f64()
+    };
+    assert_eq!(strength("cornell", 3), Some(17_000.0));
+    assert_eq!(strength("disk_light", 1), Some(1000.0));
+    let disk = lit::disk_light(4);
+    let (surface, _) = &disk.meshes[1].primitives[0];
+    let area: f32 = surface
+        .triangles
+        .iter()
+        .map(|t| {
+            let [a, b, c] = t.map(|v| surface.positions[v as usize]);
+            0.5 * (b - a).cross(c - a).length()
+        })
+        .sum();
+    assert!((area - 0.25 * std::f32::consts::PI).abs() < 1e-5, "{area}");
+    let kinds: Vec<String> = scene_lights(&lit::punctual(4));
+    assert_eq!(kinds, ["Sun", "Point", "Spot { inner: 0.25, outer: 0.4 }"]);
+    // A light shines along -z of its node.
+    let sun = lit::punctual(4).nodes.into_iter().find(|n| n.name == "sun").unwrap();
+    let way = sun.place.rotation * Vec3::NEG_Z;
+    assert!(way.dot(Vec3::new(0.6, -1.0, -0.3).normalize()) > 0.9999, "{way}");
+}
+
+fn scene_lights(scene: &Assembly) -> Vec<String> {
+    scene.lights.iter().map(|l| format!("{:?}", l.kind)).collect()
+}
+
+#[test]
+fn furnace_is_closed() {
+    for mesh in &lit::furnace(4).meshes {
+        assert!(is_closed(&mesh.primitives[0].0), "{}", mesh.name);
+    }
+}
+
+#[test]
+fn house_is_sound_and_has_the_size_asked_for() {
+    for size in [80_000, 199_000] {
+        let scene = house::house(size);
+        assert_scene_is_sound(&scene);
+        let count = scene.triangle_count();
+        assert!(count.abs_diff(size) * 20 < size, "{count}");
+        let open = ["ground", "oak_leaves", "apple_leaves", "fern"];
+        assert_parts_are_solid(&scene, &open);
+    }
+}
+
+#[test]
+fn stages_have_the_size_asked_for() {
+    for (made, size) in [(lit::car_studio(105_000), 105_000), (lit::seat_room(60_000), 60_000_usize)] {
+        assert_scene_is_sound(&made);
+        assert!(made.triangle_count().abs_diff(size) * 20 < size, "{}", made.triangle_count());
+    }
 }
 
 #[test]
