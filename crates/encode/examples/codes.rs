@@ -7,6 +7,8 @@
 //! Prints a Markdown table: colors, and for each form the bytes beyond the 4 of the code, in the file (PNG) and on the
 //! GPU (4 a color), and the largest and the root of the mean squared error in percent of the unit range.
 
+#![allow(clippy::print_stdout)] // a table is what it is for
+
 use std::error::Error;
 use std::path::Path;
 
