@@ -10,7 +10,7 @@
 use std::time::Instant;
 
 use lightkiln_fit::{
-    Energy, Fit, FitOptions, Mass, Method, Observations, Regularizer, System, energy, fit, look,
+    Bounds, Energy, Fit, FitOptions, Mass, Method, Observations, Regularizer, System, energy_shown, fit, look,
 };
 use lightkiln_light::{Estimates, Signal};
 use lightkiln_mesh::{SurfacePoint, VertexId, random};
@@ -150,6 +150,59 @@ impl Way {
     }
 }
 
+/// What happens to values outside the signal's range: [`Bounds`], before the range is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Outside {
+    /// They stay.
+    #[default]
+    None,
+    /// They are clamped.
+    Clamp,
+    /// They stay, and what is interpolated between them is clamped.
+    ClampAfter,
+    /// The least error within the range.
+    Optimum,
+}
+
+impl Outside {
+    /// The bounds for a range.
+    pub fn bounds(self, [low, high]: [f32; 2]) -> Bounds {
+        match self {
+            Self::None => Bounds::None,
+            Self::Clamp => Bounds::Clamp { low, high },
+            Self::ClampAfter => Bounds::ClampAfterInterpolation { low, high },
+            Self::Optimum => Bounds::Optimum { low, high },
+        }
+    }
+}
+
+/// Values outside the signal's range, before anything was done about them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Beyond {
+    /// How many of the vertex values, all channels together.
+    pub count: usize,
+    /// What share of them.
+    pub share: f64,
+    /// How far the worst is outside.
+    pub largest: f64,
+    /// How far they are on average.
+    pub mean: f64,
+}
+
+impl Beyond {
+    fn of(values: &[f32], [low, high]: [f32; 2]) -> Self {
+        let beyond = values.iter().map(|v| f64::from((low - v).max(v - high))).filter(|&d| d > 0.0);
+        let (count, largest, sum) =
+            beyond.fold((0, 0.0_f64, 0.0), |(count, most, sum), d| (count + 1, most.max(d), sum + d));
+        Self::new(count, values.len(), largest, sum / count.max(1) as f64)
+    }
+
+    fn new(count: usize, values: usize, largest: f64, mean: f64) -> Self {
+        Self { count, share: count as f64 / values.max(1) as f64, largest, mean }
+    }
+}
+
 /// What one way costs and gives. Means over channels.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
@@ -171,10 +224,8 @@ pub struct Row {
     pub seconds: f64,
     /// Estimated peak of the fit's memory.
     pub memory_bytes: usize,
-    /// Share of the values that lie outside of the signal's range.
-    pub outside: f64,
-    /// How far the worst of them does.
-    pub farthest_outside: f32,
+    /// Values outside the signal's range, as fitted.
+    pub outside: Beyond,
 }
 
 /// A row with its values.
@@ -189,17 +240,21 @@ pub struct Tried {
 
 /// Tries many ways on the same samples. Ways that differ from the one before in alpha only reuse its structure.
 ///
+/// - `range`: of the signal; `outside`: what happens to values outside of it
+///
 /// # Errors
 /// [`BakeError::Fit`].
 pub fn try_all(
     surface: &Surface<'_>,
     gathered: &Gathered,
     range: [f32; 2],
+    outside: Outside,
     ways: &[Way],
     clock: &mut Clock<'_>,
 ) -> Result<Vec<Tried>, BakeError> {
     clock.stage("fit");
     let observations = gathered.samples.observations();
+    let bounds = outside.bounds(range);
     let mut system: Option<(Way, System<'_>)> = None;
     let mut tried = Vec::with_capacity(ways.len());
     for &way in ways {
@@ -207,10 +262,11 @@ pub fn try_all(
             method: way.method,
             regularizer: way.regularizer,
             alpha: way.alpha,
+            bounds,
             ..FitOptions::default()
         };
         let start = Instant::now();
-        let found = match way.method {
+        let mut found = match way.method {
             Method::PointSample => Fit { values: gathered.at_vertices.clone(), ..Fit::default() },
             Method::Average => fit(&surface.mesh, &surface.adjacency, &observations, None, &options)?,
             Method::LeastSquares { .. } | Method::Ours => {
@@ -230,7 +286,22 @@ pub fn try_all(
             }
         };
         let seconds = start.elapsed().as_secs_f64();
-        let row = judge(surface, gathered, range, way, &found, seconds)?;
+        let beyond = match (way.method, bounds) {
+            (Method::PointSample, _) | (_, Bounds::None) => Beyond::of(&found.values, range),
+            _ => {
+                let report = &found.report;
+                let (count, largest) = (report.below + report.above, f64::from(report.farthest_outside));
+                Beyond::new(count, found.values.len(), largest, report.mean_outside())
+            }
+        };
+        if way.method == Method::PointSample
+            && matches!(bounds, Bounds::Clamp { .. } | Bounds::Optimum { .. })
+        {
+            let [low, high] = range;
+            found.values.iter_mut().for_each(|v| *v = v.max(low).min(high));
+        }
+        let shown = if outside == Outside::ClampAfter { bounds.range() } else { None };
+        let row = Row { outside: beyond, ..judge(surface, gathered, shown, way, &found, seconds)? };
         tried.push(Tried { way, values: found.values, row });
     }
     Ok(tried)
@@ -239,19 +310,18 @@ pub fn try_all(
 fn judge(
     surface: &Surface<'_>,
     gathered: &Gathered,
-    range: [f32; 2],
+    shown: Option<(f32, f32)>,
     way: Way,
     found: &Fit,
     seconds: f64,
 ) -> Result<Row, BakeError> {
     let channels = gathered.samples.estimates.channels;
     let mean = |list: &[Energy], of: fn(&Energy) -> f64| list.iter().map(of).sum::<f64>() / channels as f64;
-    let over = |lit: &Lit| energy(&surface.mesh, &lit.observations(), Some(&lit.variances), &found.values);
+    let over = |lit: &Lit| {
+        energy_shown(&surface.mesh, &lit.observations(), Some(&lit.variances), &found.values, shown)
+    };
     let (seen, fresh) = (over(&gathered.samples)?, over(&gathered.fresh)?);
     let looks = look(&surface.mesh, &surface.adjacency, &found.values, channels)?;
-    let [low, high] = range;
-    let beyond = found.values.iter().map(|v| (low - v).max(v - high)).filter(|d| *d > 0.0);
-    let (count, farthest_outside) = beyond.fold((0_usize, 0.0_f32), |(n, most), d| (n + 1, most.max(d)));
     Ok(Row {
         method: way.name(),
         alpha: way.alpha,
@@ -262,8 +332,7 @@ fn judge(
         gradient_jump: looks.iter().map(|l| l.gradient_jump).sum::<f64>() / channels as f64,
         seconds,
         memory_bytes: found.report.memory_bytes,
-        outside: count as f64 / found.values.len().max(1) as f64,
-        farthest_outside,
+        outside: Beyond::default(),
     })
 }
 
@@ -284,6 +353,8 @@ pub struct Comparison {
     pub ray_seconds: f64,
     /// The alpha of `error_ours`.
     pub alpha: f32,
+    /// What happened to values outside the signal's range.
+    pub bounds: Outside,
     /// `E` of the light at the vertices.
     pub error_point: f64,
     /// `E` of weighted averages.
@@ -302,21 +373,31 @@ pub struct Comparison {
     pub rows: Vec<Row>,
 }
 
+/// What [`compare`] does with a signal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CompareOptions {
+    /// The signal comes from rays.
+    pub traced: bool,
+    /// Batches of rays for each point.
+    pub batches: u16,
+    /// The alpha of ours.
+    pub alpha: f32,
+    /// What happens to values outside the signal's range.
+    pub bounds: Outside,
+}
+
 /// Fits one scene's vertices by every method.
-///
-/// - `traced`: the signal comes from rays
 ///
 /// # Errors
 /// [`BakeError::Sample`] and [`BakeError::Fit`].
 pub fn compare(
     surface: &Surface<'_>,
     signal: &dyn Signal,
-    traced: bool,
     plan: &Plan,
-    batches: u16,
-    alpha: f32,
+    options: CompareOptions,
     clock: &mut Clock<'_>,
 ) -> Result<Comparison, BakeError> {
+    let CompareOptions { traced, batches, alpha, bounds } = options;
     let gathered = Gathered::new(surface, signal, plan, batches, clock)?;
     let ways = [
         Way::plain(Method::PointSample),
@@ -326,7 +407,7 @@ pub fn compare(
         Way { alpha, ..Way::plain(Method::Ours) },
         Way::plain(Method::Ours),
     ];
-    let tried = try_all(surface, &gathered, signal.range(), &ways, clock)?;
+    let tried = try_all(surface, &gathered, signal.range(), bounds, &ways, clock)?;
     let [point, average, _, _, ours, least] = std::array::from_fn(|i| &tried[i].row);
     let hidden_samples = gathered.samples.weights.iter().filter(|&&w| w <= 0.0).count();
     Ok(Comparison {
@@ -337,6 +418,7 @@ pub fn compare(
         rays_per_sample: if traced { u32::from(gathered.batches) * signal.rays_per_batch() } else { 0 },
         ray_seconds: gathered.ray_seconds,
         alpha,
+        bounds,
         error_point: point.error,
         error_average: average.error,
         error_ours: ours.error,
@@ -363,6 +445,10 @@ mod tests {
     use crate::signals::SignalChoice;
 
     fn compared(scene: &str, signal: &str, samples: usize) -> Comparison {
+        compared_within(scene, signal, samples, Outside::None)
+    }
+
+    fn compared_within(scene: &str, signal: &str, samples: usize, bounds: Outside) -> Comparison {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data").join(scene);
         let scene = Scene::read(&path, &ReadOptions::default()).unwrap();
         let surface = Surface::new(&scene, "test").unwrap();
@@ -377,7 +463,8 @@ mod tests {
         let lighting = Lighting::default();
         let signal = choice.on(&plan.stage(&surface, &tracer, &lighting)).unwrap();
         let mut clock = Clock::new(&Silent);
-        compare(&surface, &*signal, choice.is_traced(), &plan, 4, 0.1, &mut clock).unwrap()
+        let options = CompareOptions { traced: choice.is_traced(), batches: 4, alpha: 0.1, bounds };
+        compare(&surface, &*signal, &plan, options, &mut clock).unwrap()
     }
 
     #[test]
@@ -396,6 +483,24 @@ mod tests {
         let c = compared("l_shape.glb", "shadow:-0.5,2.2,-0.8,0.08", 20_000);
         assert!(c.error_least_squares < c.error_ours && c.error_ours < c.error_average, "{c:?}");
         assert!(c.rows.iter().all(|row| row.fresh > 0.0 && row.noise > 0.0), "{c:?}");
+    }
+
+    #[test]
+    fn compare_within_bounds_counts_the_same_and_orders_the_errors() {
+        let signal = "shadow:-0.5,2.2,-0.8,0.08";
+        let [free, clamp, after, optimum] =
+            [Outside::None, Outside::Clamp, Outside::ClampAfter, Outside::Optimum]
+                .map(|bounds| compared_within("l_shape.glb", signal, 20_000, bounds).rows.swap_remove(5));
+        assert!(free.outside.count > 0 && free.outside.mean > 0.0, "{free:?}");
+        assert!(free.outside.mean <= free.outside.largest, "{free:?}");
+        for row in [&clamp, &after, &optimum] {
+            assert_eq!(row.outside.count, free.outside.count, "{row:?}");
+            assert!((row.outside.mean - free.outside.mean).abs() < 1e-6, "{row:?}");
+            assert!((row.outside.largest - free.outside.largest).abs() < 1e-6, "{row:?}");
+        }
+        // Least squares is the least of what is shown unclamped; what is clamped after it comes closer still.
+        assert!(free.error <= optimum.error && optimum.error <= clamp.error, "{optimum:?}");
+        assert!(after.error <= free.error, "{after:?}");
     }
 
     #[test]

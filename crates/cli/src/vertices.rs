@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use glam::Vec3;
-use lightkiln_bake::compare::{Comparison, Gathered, Row, Tried, Way, compare, try_all};
+use lightkiln_bake::compare::{
+    CompareOptions, Comparison, Gathered, Outside, Row, Tried, Way, compare, try_all,
+};
 use lightkiln_bake::lighting::LightOptions;
 use lightkiln_bake::signals::{SIGNALS, SignalChoice, Signals};
 use lightkiln_bake::{BakeError, BakeOptions, Clock, Plan, Surface};
@@ -45,6 +47,9 @@ pub struct Sampling {
     /// Occluders farther away do not count, in metres, or `inf` [default: a tenth of the scene's diagonal]
     #[arg(long, value_name = "METRES")]
     pub ao_distance: Option<f32>,
+    /// What happens to values outside the signal's range
+    #[arg(long, value_enum, default_value = "none")]
+    pub bounds: BoundsName,
     /// Seed of all random numbers
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
@@ -153,6 +158,30 @@ impl From<RegularizerName> for Regularizer {
     }
 }
 
+/// Names of [`Outside`].
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum BoundsName {
+    /// They stay
+    None,
+    /// They are clamped
+    Clamp,
+    /// They stay, and what is interpolated between them is clamped
+    ClampAfter,
+    /// The least error of all values within the range
+    Optimum,
+}
+
+impl From<BoundsName> for Outside {
+    fn from(name: BoundsName) -> Self {
+        match name {
+            BoundsName::None => Self::None,
+            BoundsName::Clamp => Self::Clamp,
+            BoundsName::ClampAfter => Self::ClampAfter,
+            BoundsName::Optimum => Self::Optimum,
+        }
+    }
+}
+
 /// Names of [`Method`].
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum MethodName {
@@ -236,7 +265,13 @@ pub fn run_compare(arguments: &Compare) -> Result<Exit, Failure> {
     let stages = Stages::new(sampling.common.quiet);
     let comparison = sampling.with(&mut Clock::new(&stages), |ready, clock| {
         let Ready { surface, signal, plan, batches, .. } = ready;
-        Ok(compare(surface, signal, sampling.signal.is_traced(), plan, batches, arguments.alpha, clock)?)
+        let options = CompareOptions {
+            traced: sampling.signal.is_traced(),
+            batches,
+            alpha: arguments.alpha,
+            bounds: sampling.bounds.into(),
+        };
+        Ok(compare(surface, signal, plan, options, clock)?)
     });
     stages.finish();
     let comparison = comparison?;
@@ -262,7 +297,8 @@ pub fn run_fit(arguments: &Fit) -> Result<Exit, Failure> {
     let rows = sampling.with(&mut Clock::new(&stages), |ready, clock| {
         let Ready { surface, signal, plan, batches, .. } = ready;
         let gathered = Gathered::new(surface, signal, plan, batches, clock)?;
-        let tried = try_all(surface, &gathered, signal.range(), &arguments.ways(), clock)?;
+        let (range, outside) = (signal.range(), sampling.bounds.into());
+        let tried = try_all(surface, &gathered, range, outside, &arguments.ways(), clock)?;
         if let Some(output) = &arguments.output {
             clock.stage("render");
             write_pictures(arguments, view, &ready, &tried, output)?;
@@ -274,7 +310,7 @@ pub fn run_fit(arguments: &Fit) -> Result<Exit, Failure> {
     if sampling.common.json {
         return print(&json(&rows)?);
     }
-    print(&rows_text(&rows))
+    print(&rows_text(&rows, sampling.bounds.into()))
 }
 
 impl Fit {
@@ -400,18 +436,30 @@ fn comparison_text(file: &str, c: &Comparison) -> String {
         "ours with alpha {}, least squares with 0; noise of the samples makes {:.4} of each E\n",
         c.alpha, c.noise
     );
-    text + &rows_text(&c.rows)
+    text + &rows_text(&c.rows, c.bounds)
 }
 
-fn rows_text(rows: &[Row]) -> String {
+fn rows_text(rows: &[Row], outside: Outside) -> String {
     let mut text = format!(
-        "{:<24} {:>7} {:>9} {:>9} {:>9} {:>8} {:>7} {:>9} {:>10} {:>9}\n",
-        "method", "alpha", "E", "noise", "E fresh", "contrast", "jumps", "seconds", "memory", "outside"
+        "{:<24} {:>7} {:>9} {:>9} {:>9} {:>8} {:>7} {:>9} {:>10} {:>8} {:>9} {:>8} {:>8}\n",
+        "method",
+        "alpha",
+        "E",
+        "noise",
+        "E fresh",
+        "contrast",
+        "jumps",
+        "seconds",
+        "memory",
+        "outside",
+        "",
+        "by most",
+        "by mean"
     );
     for row in rows {
         let _ = writeln!(
             text,
-            "{:<24} {:>7} {:>9.4} {:>9.4} {:>9.4} {:>8.4} {:>7.4} {:>9.3} {:>10} {:>7.2} %",
+            "{:<24} {:>7} {:>9.4} {:>9.4} {:>9.4} {:>8.4} {:>7.4} {:>9.3} {:>10} {:>8} {:>7.2} % {:>8.4} {:>8.4}",
             row.method,
             row.alpha,
             row.error,
@@ -421,11 +469,24 @@ fn rows_text(rows: &[Row]) -> String {
             row.gradient_jump,
             row.seconds,
             bytes_text(row.memory_bytes as u64),
-            row.outside * 100.0
+            row.outside.count,
+            row.outside.share * 100.0,
+            row.outside.largest,
+            row.outside.mean
         );
     }
-    text + "E: 100 times the mean squared difference to the samples, noise included; E fresh: to points that no fit \
-            saw, without their noise\n"
+    let _ = writeln!(
+        text,
+        "E: 100 times the mean squared difference to the samples, noise included; E fresh: to points that no fit saw, \
+         without their noise\noutside: values outside the signal's range as fitted, and how far; {}",
+        match outside {
+            Outside::None => "they stay",
+            Outside::Clamp => "then they were clamped",
+            Outside::ClampAfter => "E is that of clamping after interpolation",
+            Outside::Optimum => "then the best values within the range were taken",
+        }
+    );
+    text
 }
 
 #[cfg(test)]
