@@ -107,9 +107,9 @@ impl System<'_> {
             let corners = mesh.triangles[t.index()].map(|v| v.0);
             let slots = corners.map(|v| row.slot(v));
             let places = mesh.corners(t).map(Vec3::as_dvec3);
-            let double_area = (places[1] - places[0]).cross(places[2] - places[0]).length();
+            let normal = (places[1] - places[0]).cross(places[2] - places[0]);
             let unit = self.sheets[self.sheet_of[t.index()] as usize].unit;
-            let area = 0.5 * double_area;
+            let area = 0.5 * normal.length();
             if analytic {
                 for a in (0..3).filter(|&a| corners[a] == vertex) {
                     slots.iter().for_each(|&b| row.add(b, area / 12.0));
@@ -161,12 +161,12 @@ impl System<'_> {
                 }
                 let (j, k) = ((e + 1) % 3, (e + 2) % 3);
                 let across = mesh.positions[flap.vertices[3] as usize].as_dvec3();
-                let Some((coefficients, measure)) =
-                    unfolded([places[e], places[j], places[k], across], double_area)
+                let Some((coefficients, measure, smoothness)) =
+                    unfolded([places[e], places[j], places[k], across], normal)
                 else {
                     continue;
                 };
-                let mut weight = if edge { alpha * measure } else { 0.0 };
+                let mut weight = if edge { alpha * measure * smoothness } else { 0.0 };
                 if ours {
                     let deficit = flap.vertices.iter().map(|&v| self.deficit[v as usize]).fold(0.0, f32::max);
                     let seen = self.observed.count(flap.first) + self.observed.count(flap.second);

@@ -63,11 +63,13 @@ impl Flap {
     /// Deviation from eq. 13: both gradients are scaled alike, and compared after unfolding, so that linear
     /// functions cost nothing; coefficients never exceed 1 and the weight never exceeds 16 / √3 ≈ 9.2
     /// times the smaller area, so that slivers neither blow up the term nor the condition of the system.
+    ///
+    /// This is the term without what [`unfolded`] says of folds.
     #[inline]
     pub fn unfolded(&self, mesh: &Mesh) -> Option<Element> {
         let places = self.positions(mesh);
         let [i, j, k, _] = places;
-        let (row, weight) = unfolded(places, (j - i).cross(k - i).length())?;
+        let (row, weight, _) = unfolded(places, (j - i).cross(k - i))?;
         let coefficients = row.map(|c| DVec3::new(c, 0.0, 0.0));
         Some(Element { vertices: self.vertices, coefficients, weight })
     }
@@ -84,16 +86,21 @@ impl Flap {
     }
 }
 
-/// Coefficients and weight of [`Flap::unfolded`] from the places of `i`, `j`, `k`, `l` and twice the area of `i j k`.
+/// Coefficients and weight of [`Flap::unfolded`] from the places of `i`, `j`, `k`, `l` and the normal of `i j k`, as long as
+/// twice its area; and the smoothness of the edge: the cosine of the fold, 0 from a right angle on.
+///
+/// A regularizer weighs an edge by its smoothness: where the surface folds the light has a kink too, and taking that
+/// away is no smoothing but an error (measured in `docs/KAVAN.md`).
 #[inline]
-pub(crate) fn unfolded([i, j, k, l]: [DVec3; 4], area_k: f64) -> Option<([f64; 4], f64)> {
+pub(crate) fn unfolded([i, j, k, l]: [DVec3; 4], normal_k: DVec3) -> Option<([f64; 4], f64, f64)> {
     const EQUAL_TO_PRINTED_ON_EQUILATERAL: f64 = 2.309_401_076_758_503; // 4 / √3
     let edge = j - i;
     let length2 = edge.length_squared();
     if length2 <= 0.0 {
         return None;
     }
-    let area_l = edge.cross(l - i).length();
+    let normal_l = (l - i).cross(edge);
+    let (area_k, area_l) = (normal_k.length(), normal_l.length());
     let sum = area_k + area_l; // twice the areas: the heights up to a common factor
     if sum <= 0.0 {
         return None;
@@ -102,7 +109,9 @@ pub(crate) fn unfolded([i, j, k, l]: [DVec3; 4], area_k: f64) -> Option<([f64; 4
     let s = (from_k * edge.dot(k - i) + from_l * edge.dot(l - i)) / length2;
     let scale = 1.0 / s.abs().max((1.0 - s).abs()).max(1.0);
     let row = [(s - 1.0) * scale, -s * scale, from_k * scale, from_l * scale];
-    Some((row, EQUAL_TO_PRINTED_ON_EQUILATERAL * 2.0 * area_k * area_l / sum))
+    let product = area_k * area_l;
+    let smoothness = if product > 0.0 { (normal_k.dot(normal_l) / product).clamp(0.0, 1.0) } else { 0.0 };
+    Some((row, EQUAL_TO_PRINTED_ON_EQUILATERAL * 2.0 * product / sum, smoothness))
 }
 
 /// `√a ∇h` of the three hat functions, and the area `a` (eq. 11). `None` for a triangle without area.

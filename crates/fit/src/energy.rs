@@ -96,7 +96,7 @@ pub struct Look {
     /// Standard deviation of the interpolated values over the surface.
     pub contrast: f64,
     /// Root mean square over the surface of the gradient jumps over interior edges, in units of the value (the edge
-    /// term of ours, per area).
+    /// term of ours, per area, folds and all).
     pub gradient_jump: f64,
 }
 

@@ -40,7 +40,7 @@ pub enum Regularizer {
     /// Jumps of the gradient over interior edges, as printed (Kavan eq. 13).
     EdgePrinted,
     /// Jumps of the gradient over interior edges, both sides scaled alike and unfolded: linear functions are
-    /// free. At large alpha: piecewise linear fits.
+    /// free, and an edge counts by the cosine of its fold. At large alpha: piecewise linear fits.
     #[default]
     Edge,
     /// [`Regularizer::Gradient`] and [`Regularizer::Edge`] together (Kavan section 4).

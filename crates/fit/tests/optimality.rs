@@ -215,6 +215,28 @@ fn linear_functions_cost_nothing_across_folds_under_our_edge_term_only() {
 }
 
 #[test]
+fn edge_term_fades_with_the_fold() {
+    // A roof with a kink of the light on its ridge: the steeper, the more of the kink stays under the same alpha.
+    let kept = |degrees: f32| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let m = mesh(
+            vec![Vec3::ZERO, Vec3::Y, Vec3::new(-1.0, 0.5, 0.0), Vec3::new(cos, 0.5, sin)],
+            &[[0, 1, 2], [1, 0, 3]],
+        );
+        let (points, weights) = scatter(&m, 24, 3);
+        // 0 on the ridge and 1 at both gables.
+        let values: Vec<f32> = points.iter().map(|p| p.barycentric[1]).collect();
+        let observations = Observations { points: &points, weights: &weights, values: &values, channels: 1 };
+        let options = options(Method::Ours, Regularizer::Edge, 0.3);
+        let x = fit(&m, &adjacency(&m), &observations, None, &options).expect("fits").values;
+        x[2] + x[3] - x[0] - x[1]
+    };
+    let kinks = [0.0, 30.0, 60.0, 90.0, 120.0].map(kept);
+    assert!(kinks[..4].is_sorted_by(|a, b| a < b), "{kinks:?}");
+    assert!((kinks[3] - 2.0).abs() < 1e-3 && (kinks[4] - 2.0).abs() < 1e-3, "{kinks:?}");
+}
+
+#[test]
 fn edge_terms_agree_on_equal_equilateral_triangles_in_a_plane() {
     let h = 0.75_f32.sqrt();
     let m = mesh(
