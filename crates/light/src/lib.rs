@@ -20,12 +20,14 @@
 //! | [`harmonics`] | irradiance as a function of the normal |
 //! | `receiver`, `sources`, `emitters` | a point that light arrives at, shadow rays to what shines, triangles that do |
 //! | [`estimates`] | means and variances, refined where asked |
+//! | [`denoise`] | a joint filter for noisy light on surfaces |
 //! | [`analytic`] | occlusion in closed form |
 //! | `tree`, `traverse`, `lanes` | the wide tree, its walk, and eight numbers at once |
 
 pub mod analytic;
 pub mod bent_normal;
 pub mod combined;
+pub mod denoise;
 pub mod directions;
 mod emitters;
 pub mod environment;
