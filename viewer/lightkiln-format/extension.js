@@ -45,24 +45,27 @@ function readLayer(json, layer, index) {
 export const primitiveLight = (primitive) => primitive.extensions?.[EXTENSION] ?? null
 
 /**
- * Changes a glTF in place for a viewer that shows the light itself: primitives with light get back the `COLOR_0` that
- * the asset had (or none), their attributes are named as the layers name them, and others lose attributes of that name.
+ * Changes a primitive in place for a viewer that shows the light itself: with light it gets back the `COLOR_0` that the
+ * asset had (or none), and its attributes are named as the layers name them; without it loses attributes of that name.
  */
+export function preparePrimitive(primitive, layers) {
+  const light = primitiveLight(primitive)
+  for (const attributes of [primitive.attributes, primitive.extensions?.[DRACO]?.attributes]) {
+    if (attributes === undefined) continue
+    if (light?.fallback !== undefined) delete attributes[light.fallback]
+    if (light?.color0 !== undefined) rename(attributes, light.color0, 'COLOR_0')
+    for (const { index, attribute } of layers) {
+      const name = light?.attributes?.[index]
+      if (name === undefined) delete attributes[attribute]
+      else rename(attributes, name, attribute)
+    }
+  }
+}
+
+/** {@link preparePrimitive} of all primitives of a glTF. */
 export function prepare(json, layers) {
   for (const { primitives } of json.meshes ?? []) {
-    for (const primitive of primitives) {
-      const light = primitiveLight(primitive)
-      for (const attributes of [primitive.attributes, primitive.extensions?.[DRACO]?.attributes]) {
-        if (attributes === undefined) continue
-        if (light?.fallback !== undefined) delete attributes[light.fallback]
-        if (light?.color0 !== undefined) rename(attributes, light.color0, 'COLOR_0')
-        for (const { index, attribute } of layers) {
-          const name = light?.attributes?.[index]
-          if (name === undefined) delete attributes[attribute]
-          else rename(attributes, name, attribute)
-        }
-      }
-    }
+    for (const primitive of primitives) preparePrimitive(primitive, layers)
   }
 }
 

@@ -71,6 +71,8 @@ export function readExtension(json: object): Lightmap | null
 export function primitiveLight(primitive: object): PrimitiveLight | null
 /** Changes a glTF for a viewer that shows the light: its own `COLOR_0` comes back, attributes are named as by the layers. */
 export function prepare(json: object, layers: Layer[]): void
+/** {@link prepare} for one primitive; once only. */
+export function preparePrimitive(primitive: object, layers: Layer[]): void
 /** What a layer does unless told otherwise: shadows do nothing, for nobody knows of which light they are. */
 export function defaultRole(layer: Layer, layers: Layer[]): Role
 
@@ -123,3 +125,19 @@ export function pack(
   images: Image[],
   channels: 1 | 4,
 ): { width: number; height: number; layers: number; channels: 1 | 4; half: boolean; data: Uint8Array | Uint16Array }
+
+/** A layer as the GLSL needs it; `atlas` and `palette` are null without pages or table. */
+export interface UsedLayer extends Layer {
+  role: Role
+  atlas: unknown
+  palette: unknown
+}
+
+/** The name of a layer's attribute in shaders. */
+export function attributeName(layer: { attribute: string }): string
+/** What tells the programs of two lights apart. */
+export function shaderKey(layers: UsedLayer[], view: UsedLayer | null): string
+export function vertexDeclarations(layers: UsedLayer[]): string
+export function vertexMain(layers: UsedLayer[]): string
+export function fragmentDeclarations(layers: UsedLayer[]): string
+export function fragmentMain(layers: UsedLayer[]): string

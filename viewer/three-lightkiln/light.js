@@ -4,8 +4,8 @@ import {
   ClampToEdgeWrapping, DataArrayTexture, DataTexture, HalfFloatType, LinearFilter, NearestFilter, NoColorSpace,
   RedFormat, RGBAFormat, UnsignedByteType, Vector3,
 } from 'three'
-import { defaultRole, pack } from 'lightkiln-format'
-import { shaderKey, shaderStages } from './shader.js'
+import { attributeName, defaultRole, pack, shaderKey } from 'lightkiln-format'
+import { shaderStages } from './shader.js'
 
 /** See index.d.ts. */
 export class Light {
@@ -98,8 +98,7 @@ export class Light {
   }
 
   #layersOf({ geometry }) {
-    const has = ({ role, attribute }) => role !== 'none' && geometry.hasAttribute(attribute.toLowerCase())
-    return this.layers.filter(has)
+    return this.layers.filter((layer) => layer.role !== 'none' && geometry.hasAttribute(attributeName(layer)))
   }
 
   /** Adds our part of the shader after whatever the material adds already. */

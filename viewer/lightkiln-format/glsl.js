@@ -1,0 +1,123 @@
+// The eta-blend as GLSL ES 3.00 for engines that write `attribute` and `varying` (three.js and Babylon.js translate them).
+// Schaefer et al. 2012, section 4.3; its twin in plain JavaScript is decode.js.
+//
+// A layer here is one of `readExtension` with three more fields: `role`, and `atlas` and `palette`, which are null where the
+// layer has no pages or no table.
+
+import {
+  COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, RGB_SHIFTS, RGB_STEPS, SUBTEXELS, TABLE_WIDTH,
+} from './constants.js'
+
+const float = (x) => (Number.isInteger(x) ? `${x}.0` : `${x}`)
+const typeOf = ({ channels }) => (channels === 1 ? 'float' : 'vec3')
+
+/** The attribute's name in shaders and geometries: three.js lower-cases names that it does not know. */
+export const attributeName = ({ attribute }) => attribute.toLowerCase()
+
+/** What tells the programs of two lights apart. */
+export function shaderKey(layers, view) {
+  const parts = layers.map((layer) =>
+    [layer.index, attributeName(layer), layer.channels, layer.form, layer.role, layer.atlas === null ? 0 : 1].join(','))
+  return `lightkiln:${parts.join(';')}:${view?.index ?? ''}`
+}
+
+/** Declarations of the vertex stage. */
+export function vertexDeclarations(layers) {
+  const attributes = layers.map((layer) => `
+attribute vec2 ${attributeName(layer)};
+varying highp ${typeOf(layer)} vLightkilnColor${layer.index};
+${layer.form === 'table' ? `uniform highp sampler2D lightkilnTable${layer.index};` : ''}`)
+  return `
+varying highp vec3 vLightkilnPlace; // UV in texels, and eta
+${attributes.join('')}
+int lightkilnBits(vec2 code) {
+  return ((int(code.y) - ${COLOR_FLAG}) << 16) | int(code.x);
+}
+highp float lightkilnScalar(vec2 code) {
+  return code.x / ${float(COLOR_STEPS)};
+}
+highp vec3 lightkilnRgb(vec2 code) {
+  ivec3 steps = ivec3(${RGB_STEPS.join(', ')});
+  return vec3((ivec3(lightkilnBits(code)) >> ivec3(${RGB_SHIFTS.join(', ')})) & steps) / vec3(steps);
+}
+highp vec3 lightkilnEntry(highp sampler2D table, vec2 code) {
+  int index = lightkilnBits(code);
+  return texelFetch(table, ivec2(index % ${TABLE_WIDTH}, index / ${TABLE_WIDTH}), 0).rgb;
+}`
+}
+
+/** Statements of the vertex stage. All layers of a file share the places of their texture-vertices: one serves them all. */
+export function vertexMain(layers) {
+  const first = attributeName(layers[0])
+  const colors = layers.map((layer) => {
+    const name = attributeName(layer)
+    const colorOf = {
+      scalar: `lightkilnScalar(${name})`,
+      rgb: `lightkilnRgb(${name})`,
+      table: `lightkilnEntry(lightkilnTable${layer.index}, ${name})${layer.channels === 1 ? '.r' : ''}`,
+    }
+    return `
+  vLightkilnColor${layer.index} = ${typeOf(layer)}(0.0);
+  if (lightkilnIsColor) vLightkilnColor${layer.index} = ${colorOf[layer.form]};`
+  })
+  return `
+  bool lightkilnIsColor = ${first}.y >= ${float(COLOR_FLAG)};
+  vLightkilnPlace = lightkilnIsColor ? vec3(0.0) : vec3(${first} / ${float(SUBTEXELS)}, 1.0);
+${colors.join('')}`
+}
+
+/** Declarations of the fragment stage. */
+export function fragmentDeclarations(layers) {
+  const uniforms = layers.map(({ index, atlas, ...layer }) => `
+varying highp ${typeOf(layer)} vLightkilnColor${index};
+uniform highp vec3 lightkilnScale${index}; // P(low), P(high) - P(low), white or 0
+${atlas === null ? '' : `uniform highp sampler2DArray lightkilnAtlas${index};`}`)
+  return `
+varying highp vec3 vLightkilnPlace;
+uniform float lightkilnOcclusionIntensity;
+uniform float lightkilnIrradianceIntensity;
+uniform float lightkilnShadowIntensity;
+${uniforms.join('')}
+// The level is given: the lookup stands inside of a branch, and coarser levels would mix charts.
+highp vec3 lightkilnLookup(highp sampler2DArray atlas) {
+  highp vec3 size = vec3(textureSize(atlas, 0));
+  highp vec2 place = vLightkilnPlace.xy / vLightkilnPlace.z;
+  highp float page = clamp(floor(place.y / size.y), 0.0, size.z - 1.0);
+  return textureLod(atlas, vec3(place.x / size.x, (place.y - page * size.y) / size.y, page), 0.0).rgb;
+}
+highp vec3 lightkilnUndo(highp vec3 unit, highp vec3 scale) {
+  highp vec3 p = scale.x + unit * scale.y;
+  if (scale.z <= 0.0) return p;
+  return sign(p) * (pow(vec3(${float(CURVE_BASE)}), abs(p)) - 1.0) * (scale.z / ${float(CURVE_KNEE)});
+}`
+}
+
+/**
+ * Statements of the fragment stage: `lightkilnUnit<k>` is a layer as stored, `lightkiln<k>` in the signal's unit, both gray
+ * for scalar layers; `lightkilnOcclusion`, `lightkilnShadow` and `lightkilnIrradiance` are what the roles make of them.
+ */
+export function fragmentMain(layers) {
+  const values = layers.map(({ index, channels, atlas }) => {
+    const lookup = `lightkilnLookup(lightkilnAtlas${index})${channels === 1 ? '.rrr' : ''}`
+    return `
+  highp vec3 lightkilnUnit${index} = vec3(vLightkilnColor${index});
+  ${atlas === null ? '' : `if (lightkilnIsTextured) lightkilnUnit${index} += vLightkilnPlace.z * ${lookup};`}
+  highp vec3 lightkiln${index} = lightkilnUndo(lightkilnUnit${index}, lightkilnScale${index});`
+  })
+  const factor = (layer, intensity) => `mix(1.0, lightkiln${layer.index}.r, ${intensity})`
+  const sums = layers.map((layer) => {
+    if (layer.role === 'occlusion') return `  lightkilnOcclusion *= ${factor(layer, 'lightkilnOcclusionIntensity')};`
+    if (layer.role === 'shadow') return `  lightkilnShadow *= ${factor(layer, 'lightkilnShadowIntensity')};`
+    if (layer.role === 'irradiance') {
+      return `  lightkilnIrradiance += max(lightkiln${layer.index}, 0.0) * lightkilnIrradianceIntensity;`
+    }
+    return ''
+  })
+  return `
+  bool lightkilnIsTextured = vLightkilnPlace.z > ${float(ETA_EPSILON)};
+  float lightkilnOcclusion = 1.0;
+  float lightkilnShadow = 1.0;
+  vec3 lightkilnIrradiance = vec3(0.0);
+${values.join('')}
+${sums.join('\n')}`
+}
