@@ -14,7 +14,7 @@
 //! | [`bent_normal`] | the direction in which a point is open |
 //! | [`inside`] | whether a point lies inside other geometry |
 //! | [`combined`] | several signals as one |
-//! | [`shadow`] | the shadow of a disk that shines |
+//! | [`shadow`] | the share of each light that is seen |
 //! | [`lights`], [`environment`] | where light comes from, with units |
 //! | [`path`] | irradiance: direct, by way of other surfaces, and as a function of the normal |
 //! | [`harmonics`] | irradiance as a function of the normal |
@@ -57,7 +57,7 @@ pub use occlusion::{AmbientOcclusion, Falloff, Ground, OcclusionOptions};
 pub use origin::Origin;
 pub use path::{Output, PathOptions, PathTraced};
 pub use scale::{Curve, Scale};
-pub use shadow::{Disk, Shadow};
+pub use shadow::{Disk, Shadow, Shadows};
 pub use signal::{Domain, Layer, Signal};
 pub use tracer::{Hit, Opaque, SurfaceFlags, Surfaces, Tracer};
 

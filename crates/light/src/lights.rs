@@ -115,7 +115,7 @@ impl Light {
     }
 
     /// The same with directions of unit length.
-    fn normalized(mut self) -> Self {
+    pub(crate) fn normalized(mut self) -> Self {
         match &mut self {
             Self::Directional { to_light: d, .. }
             | Self::Spot { direction: d, .. }
@@ -126,7 +126,7 @@ impl Light {
     }
 
     /// The first number that makes no sense.
-    fn fault(&self) -> Option<&'static str> {
+    pub(crate) fn fault(&self) -> Option<&'static str> {
         let color = |c: Vec3| c.is_finite() && c.min_element() >= 0.0;
         let axis = |d: Vec3| d.is_finite() && d.as_dvec3().length_squared() > 0.0;
         let range = |r: f32| r > 0.0;
