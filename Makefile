@@ -8,6 +8,7 @@
 #   make report     print the reports of out/      make validate  validator and schemas over out/
 #   make validate-scenes SCENES_DIR=...             the same over scenes of your own, and glTF-Transform
 #   make sheets     the picture sheets of docs/       make figures  the charts of docs/
+#   make peers      irradiance against another path tracer, which PEERS_PYTHON has: see tests/peers
 
 CARGO ?= cargo
 LIGHTKILN = target/release/lightkiln
@@ -23,7 +24,7 @@ BAKED = $(SCENES:data/%.glb=out/%.baked.glb)
 SCENES_DIR ?= ../shared/scenes
 
 .PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets figures clean
-.PHONY: test-build validator validate validate-scenes
+.PHONY: test-build validator validate validate-scenes peers
 .DELETE_ON_ERROR:
 
 build:
@@ -115,6 +116,16 @@ figures: build
 	done
 	$(FIT) out/figures/picture.glb -o docs/figures/picture.png --signal base-color --method point,average,ours \
 	  --sweep alpha=0 --view front --zoom 1.06
+
+# A Python with the modules of tests/peers/requirements.txt. The table of docs/CYCLES.md; half an hour on two cores.
+PEERS_PYTHON ?= python3
+peers:
+	@mkdir -p out/peers
+	$(CARGO) run --release --locked -p lightkiln-bake --example irradiance_points -- \
+	  data/cornell.glb 1000 8192 > out/peers/ours.json
+	$(PEERS_PYTHON) tests/peers/cornell_cycles.py data/cornell.glb out/peers/ours.json \
+	  --samples 4096 --runs 24 > out/peers/cycles.json
+	$(PEERS_PYTHON) tests/peers/compare.py out/peers/ours.json out/peers/cycles.json
 
 clean:
 	rm -rf out
