@@ -119,7 +119,7 @@ fn ray_figures(all: &Everything<'_>, verify_rays: u64) -> RayFigures {
     let lit = all.lit;
     let support_samples = lit.samples.support.iter().filter(|s| **s).count();
     let count = lit.samples.points.len();
-    let mut noise: Vec<f32> = (0..count).map(|i| lit.noise(i)).collect();
+    let mut noise: Vec<f32> = (0..count).filter(|&i| lit.weights[i] > 0.0).map(|i| lit.noise(i)).collect();
     noise.sort_unstable_by(f32::total_cmp);
     RayFigures {
         poisson_samples: count - support_samples,

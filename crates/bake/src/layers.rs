@@ -4,7 +4,11 @@
 //! without an upper end is found in the first look at the samples. One bound serves all layers: an error is the
 //! difference of unit values in the layer's own unit, and that of a point is the largest over its channels.
 
+use glam::Vec3;
+use lightkiln_light::denoise::{Noisy, denoise};
 use lightkiln_light::{Curve, Domain, Estimates, Layer, Scale, Signal};
+use lightkiln_mesh::{Mesh, SurfacePoint};
+use rayon::prelude::*;
 
 use crate::options::CONFIDENCE;
 
@@ -26,6 +30,13 @@ impl BakedLayer {
     }
 }
 
+impl BakedLayer {
+    /// Whether it is light that paths bring, which is noisier than what rays see or do not see.
+    fn is_light(&self) -> bool {
+        matches!(self.layer.domain, Domain::Hdr | Domain::SignedHdr)
+    }
+}
+
 /// All layers of a bake.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layers {
@@ -39,6 +50,9 @@ pub struct Layers {
 
 /// White is what so much of the lit surface does not exceed.
 const WHITE_QUANTILE: f64 = 0.95;
+
+/// What the filter leaves of the noise of light, about.
+const FILTER_GAIN: f32 = 0.25;
 
 /// The range of light goes up to its brightest sample times this: texels between samples may be brighter.
 const HEADROOM: f32 = 2.0;
@@ -96,16 +110,67 @@ impl Layers {
 
     /// Unit values and their noise.
     pub fn light(&self, estimates: &Estimates) -> UnitLight {
-        let channels = self.channels();
-        let mut values = Vec::with_capacity(estimates.len() * channels);
-        let mut sigmas = Vec::with_capacity(estimates.len() * channels);
-        for i in 0..estimates.len() {
-            for (channel, (&x, scale)) in estimates.mean(i).iter().zip(&self.scales).enumerate() {
-                values.push(scale.to_unit(x));
-                sigmas.push(estimates.variance_of_mean(i, channel).sqrt() * scale.slope(x));
-            }
+        self.units(estimates.means().to_vec(), variances(estimates))
+    }
+
+    /// The same with the noise of paths of light filtered away where neighbours allow it ([`denoise`]).
+    ///
+    /// - `points`: of the estimates
+    /// - `radius`: of the filter, in units of the mesh
+    pub fn filtered_light(
+        &self,
+        mesh: &Mesh,
+        points: &[SurfacePoint],
+        estimates: &Estimates,
+        radius: f32,
+    ) -> UnitLight {
+        if self.layers.iter().all(|l| !l.is_light()) {
+            return self.light(estimates);
         }
-        UnitLight { channels, values, sigmas }
+        let (mut values, mut all) = (estimates.means().to_vec(), variances(estimates));
+        let channels = self.channels();
+        // What lies inside other geometry knows nothing of its own.
+        for point in (0..estimates.len()).filter(|&i| !estimates.valid(i)) {
+            all[point * channels..][..channels].fill(f32::INFINITY);
+        }
+        let positions: Vec<Vec3> = points.par_iter().map(|&p| mesh.position(p)).collect();
+        let normals: Vec<Vec3> = points.par_iter().map(|&p| mesh.shading_normal(p)).collect();
+        for layer in self.layers.iter().filter(|l| l.is_light()) {
+            let own = |all: &[f32]| -> Vec<f32> {
+                all.chunks_exact(channels).flat_map(|row| &row[layer.channels()]).copied().collect()
+            };
+            let filtered = denoise(
+                Noisy {
+                    positions: &positions,
+                    normals: &normals,
+                    values: &own(&values),
+                    variances: &own(&all),
+                    channels: layer.layer.channels,
+                },
+                radius,
+            );
+            let put = |all: &mut [f32], own: &[f32]| {
+                for (row, own) in all.chunks_exact_mut(channels).zip(own.chunks_exact(layer.layer.channels)) {
+                    row[layer.channels()].copy_from_slice(own);
+                }
+            };
+            put(&mut values, &filtered.values);
+            put(&mut all, &filtered.variances);
+        }
+        self.units(values, all)
+    }
+
+    /// Unit values of a signal's own, points x channels.
+    fn units(&self, mut values: Vec<f32>, mut variances: Vec<f32>) -> UnitLight {
+        let channels = self.channels();
+        let rows = values.par_chunks_exact_mut(channels).zip(variances.par_chunks_exact_mut(channels));
+        rows.for_each(|(values, sigmas)| {
+            for ((x, sigma), scale) in values.iter_mut().zip(sigmas).zip(&self.scales) {
+                *sigma = sigma.sqrt() * scale.slope(*x);
+                *x = scale.to_unit(*x);
+            }
+        });
+        UnitLight { channels, values, sigmas: variances }
     }
 
     /// Errors per unit value of each channel.
@@ -127,9 +192,23 @@ impl Layers {
             .any(|c| ((shown[c] - light[c]).abs() - CONFIDENCE * sigmas[c]) * self.errors[c] > bound)
     }
 
-    /// The standard error of a value as an error.
-    pub fn sigma(&self, channel: usize, value: f32, sigma: f32) -> f32 {
-        sigma * self.scales[channel].slope(value) * self.errors[channel]
+    /// How large the noise of a point's worst channel may be as an error, relative to that of a layer that is not
+    /// filtered.
+    pub fn noise_of(&self, estimates: &Estimates, i: usize) -> f32 {
+        let of_layer = |layer: &BakedLayer| {
+            let share = if layer.is_light() { FILTER_GAIN } else { 1.0 };
+            let sigma = |channel: usize| {
+                let slope = self.scales[channel].slope(estimates.mean(i)[channel]);
+                estimates.variance_of_mean(i, channel).sqrt() * slope * self.errors[channel]
+            };
+            share * layer.channels().map(sigma).fold(0.0, f32::max)
+        };
+        self.layers.iter().map(of_layer).fold(0.0, f32::max)
+    }
+
+    /// The noise of a point's worst channel, as an error.
+    pub fn sigma(&self, sigmas: &[f32]) -> f32 {
+        sigmas.iter().zip(&self.errors).map(|(s, k)| s * k).fold(0.0, f32::max)
     }
 
     /// The signal's own value of a stored one.
@@ -150,6 +229,15 @@ impl Layers {
             Curve::Log { white } => (scale.from_unit(unit) / white).clamp(0.0, 1.0),
         }
     }
+}
+
+/// Variances of all channels, points x channels.
+fn variances(estimates: &Estimates) -> Vec<f32> {
+    let channels = estimates.channels;
+    (0..estimates.len() * channels)
+        .into_par_iter()
+        .map(|at| estimates.variance_of_mean(at / channels, at % channels))
+        .collect()
 }
 
 /// The brightest channel of a quantile of the lit surface.
@@ -199,7 +287,7 @@ impl UnitLight {
 
 #[cfg(test)]
 mod tests {
-    use lightkiln_mesh::{SurfacePoint, TriangleId};
+    use lightkiln_mesh::TriangleId;
 
     use super::*;
 

@@ -178,6 +178,9 @@ pub struct Plan {
 /// A decision counts as certain at this many standard errors.
 pub const CONFIDENCE: f32 = 3.0;
 
+/// How far the filter of noisy light looks, in sample radii or texels.
+pub const FILTER_RADIUS: f32 = 4.0;
+
 /// Empty texels kept around a chart: one keeps the bilinear lookup and the first mip level clean. Two would
 /// cost 33 to 53 % more blocks (docs/PACKING.md).
 pub const GUTTER_TEXELS: u32 = 1;

@@ -24,7 +24,7 @@ use lightkiln_texel::{Atlas, ChartTexels, StitchOptions, StitchReport, compose, 
 use crate::borders::border_holds;
 use crate::clock::Clock;
 use crate::layers::Layers;
-use crate::options::{GUTTER_TEXELS, Plan};
+use crate::options::{FILTER_RADIUS, GUTTER_TEXELS, Plan};
 use crate::shade::{Lit, refine};
 use crate::stored::{Stored, expected_texel_bytes};
 use crate::verify::References;
@@ -265,7 +265,7 @@ fn add_regions(
     let (new_charts, _) = charts(&surface.mesh, &surface.adjacency, &new, &options)?;
     clock.stage("texel");
     let texels = lift(&surface.mesh, &surface.adjacency, &new_charts, plan.seed);
-    let estimates = shade_texels(signal, layers, &texels, plan, clock);
+    let estimates = shade_texels(&surface.mesh, signal, layers, &texels, plan, clock);
 
     let mut region_of: Vec<(TriangleId, usize)> =
         new.iter().enumerate().flat_map(|(r, region)| region.iter().map(move |&t| (t, r))).collect();
@@ -293,6 +293,7 @@ struct TexelLight {
 
 /// Shades every lifted texel until its noise is low enough or its rays are spent.
 fn shade_texels(
+    mesh: &Mesh,
     signal: &dyn Signal,
     layers: &Layers,
     texels: &[ChartTexels],
@@ -309,13 +310,13 @@ fn shade_texels(
     let goal = plan.effort.texel_noise.min(plan.max_error / 3.0).powi(2);
     let wanted: Vec<u16> = (0..points.len())
         .map(|i| {
-            let needed = f32::from(first) * largest_variance(layers, &light, i) / goal;
+            let needed = f32::from(first) * layers.noise_of(&light, i).powi(2) / goal;
             (needed.ceil() as u16).clamp(first, most)
         })
         .collect();
     refine(&mut light, signal, &points, &keys, &wanted, clock);
 
-    let unit = layers.light(&light);
+    let unit = layers.filtered_light(mesh, &points, &light, FILTER_RADIUS * plan.radius);
     let channels = layers.channels();
     let mut next = 0..points.len();
     texels
@@ -332,7 +333,7 @@ fn shade_texels(
             for texel in (0..count).filter(|&texel| t.lift[texel].is_some()) {
                 let i = next.next().expect("one point per lifted texel");
                 own.values[texel * channels..][..channels].copy_from_slice(unit.value(i));
-                own.variances[texel] = largest_variance(layers, &light, i);
+                own.variances[texel] = layers.sigma(unit.sigma(i)).powi(2);
                 own.valid[texel] = light.valid(i);
                 own.shaded += 1;
                 own.rays += u64::from(light.batches(i)) * u64::from(signal.rays_per_batch());
@@ -344,14 +345,6 @@ fn shade_texels(
             own
         })
         .collect()
-}
-
-/// The noise of a point's worst channel, as a squared error.
-fn largest_variance(layers: &Layers, light: &Estimates, i: usize) -> f32 {
-    let sigma = |channel: usize| {
-        layers.sigma(channel, light.mean(i)[channel], light.variance_of_mean(i, channel).sqrt())
-    };
-    (0..layers.channels()).map(sigma).fold(0.0, f32::max).powi(2)
 }
 
 /// The charts of a round, region after region.

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use crate::clock::Clock;
 use crate::layers::{Layers, UnitLight};
-use crate::options::{CONFIDENCE, Plan};
+use crate::options::{CONFIDENCE, FILTER_RADIUS, Plan};
 use crate::verify::{References, Show};
 use crate::{BakeError, Surface};
 
@@ -72,8 +72,7 @@ impl Lit {
 
     /// The noise of a sample's worst channel, as an error.
     pub fn noise(&self, sample: usize) -> f32 {
-        let per_unit = self.layers.errors_per_unit();
-        self.light.sigma(sample).iter().zip(per_unit).map(|(s, k)| s * k).fold(0.0, f32::max)
+        self.layers.sigma(self.light.sigma(sample))
     }
 
     /// Whether values break the bound at a sample, beyond the sample's noise.
@@ -114,7 +113,8 @@ pub fn light_fit_classify(
     let mut densified = 0;
     loop {
         clock.stage("fit");
-        let light = layers.light(&estimates);
+        let light =
+            layers.filtered_light(&surface.mesh, &samples.points, &estimates, FILTER_RADIUS * plan.radius);
         let values = fit_vertices(surface, &samples, &light, &weights)?;
         clock.stage("classify");
         let verdicts =
