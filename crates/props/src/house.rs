@@ -329,7 +329,7 @@ impl Garden {
             let (height, angle) = (2.0 * c(0) - 0.8, TAU * c(1));
             let ring = (1.0 - height.min(1.0) * height.min(1.0)).max(0.0).sqrt();
             let way = DVec3::new(ring * angle.sin(), height, ring * angle.cos()).normalize();
-            let at = DVec3::new(0.0, 2.6, 0.0) + way * DVec3::new(1.35, 0.85, 1.35) * (0.95 + 0.2 * c(2));
+            let at = DVec3::new(0.0, 2.6, 0.0) + way * DVec3::new(1.15, 0.8, 1.15) * (0.95 + 0.2 * c(2));
             leaves.append(self.blade(at, way, TAU * c(3), 0.16 + 0.06 * c(4), 0.09));
         }
         let name = ["oak", "apple"][kind as usize % 2];
@@ -385,11 +385,13 @@ impl Garden {
             let side = DVec3::new(angle.cos(), 0.0, -angle.sin());
             let (length, width) = (0.32 + 0.16 * c(2), 0.05 + 0.02 * c(3));
             let foot = DVec3::new(0.02 * angle.sin(), -0.02, 0.02 * angle.cos());
-            tuft.append(patch(&self.detail, [2, 8], &|u, v| {
+            // Its front looks up.
+            let blade = patch(&self.detail, [2, 8], &|u, v| {
                 let bulge = 0.15 + (std::f64::consts::PI * (0.15 + 0.8 * v)).sin();
                 let out = foot + way * (length * v) + side * (width * (u - 0.5) * bulge);
                 out + DVec3::new(angle.sin(), -0.9, angle.cos()) * (0.35 * length * v * v)
-            }));
+            });
+            tuft.append(blade.flipped());
         }
         self.scene.mesh("fern", tuft, self.leaf)
     }
