@@ -92,6 +92,9 @@ fn part_light(
     views: &[AtlasView<'_>],
     part: usize,
 ) -> PartLight {
+    if !surface.is_lit(part) {
+        return PartLight::default();
+    }
     let mesh = &surface.mesh;
     let triangles: Vec<TriangleId> = surface.triangles_of_part(part).collect();
     let codes = |codes: &Codes| -> Vec<[[u16; 2]; 3]> {

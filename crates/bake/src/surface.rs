@@ -28,6 +28,8 @@ pub struct Surface<'a> {
     pub fans: Fans,
     /// First triangle of each part in the light mesh, and the end; parts that get no light have none.
     part_starts: Vec<u32>,
+    /// Whether each part gets light.
+    lit: Vec<bool>,
     /// The light mesh and everything else, if there is anything else.
     world: Option<Mesh>,
     /// The same with what stands in nobody's way shrunk to nothing, if there is such.
@@ -149,7 +151,21 @@ impl<'a> Surface<'a> {
         }
         let (adjacency, fans) = (Adjacency::new(&mesh), Fans::new(&mesh));
         let (flags, turned) = (gathered.flags, OnceLock::new());
-        Ok(Self { scene, mesh, adjacency, fans, part_starts, world, casters, others, flags, casts, turned })
+        let lit = (0..scene.parts.len()).map(receives).collect();
+        Ok(Self {
+            scene,
+            mesh,
+            adjacency,
+            fans,
+            part_starts,
+            lit,
+            world,
+            casters,
+            others,
+            flags,
+            casts,
+            turned,
+        })
     }
 
     /// Everything that light meets, and more that it does not: triangles have the same numbers as in the light mesh.
@@ -180,7 +196,7 @@ impl<'a> Surface<'a> {
 
     /// Whether a part gets light.
     pub fn is_lit(&self, part: usize) -> bool {
-        self.part_starts[part] < self.part_starts[part + 1] || self.scene.parts[part].triangles.is_empty()
+        self.lit[part]
     }
 
     /// A light vertex as a point of the surface, in the largest triangle around it; of any triangle where it has

@@ -136,6 +136,9 @@ struct Studio<'a> {
 const CLASS_COLORS: [Vec3; 3] =
     [Vec3::new(0.85, 0.12, 0.10), Vec3::new(0.95, 0.65, 0.10), Vec3::new(0.75, 0.80, 0.85)];
 
+/// What gets no light.
+const UNLIT: Vec3 = Vec3::new(0.05, 0.05, 0.06);
+
 /// By how much an error is magnified to be seen.
 const ERROR_GAIN: f32 = 10.0;
 
@@ -169,7 +172,9 @@ impl Studio<'_> {
     }
 
     fn render(&self, color: &(dyn Fn(&Hit) -> Vec3 + Sync)) -> Picture {
-        render(self.tracer, self.surface, &self.camera, self.size, color)
+        let lit = self.surface.mesh.triangle_count();
+        let shown = |hit: &Hit| if hit.triangle.index() < lit { color(hit) } else { UNLIT };
+        render(self.tracer, self.surface, &self.camera, self.size, &shown)
     }
 
     /// What the file shows, in unit values of all layers.

@@ -49,10 +49,14 @@ impl<'a> Patch<'a> {
         accessors.len() - 1
     }
 
-    /// Puts the light of a part onto its primitives.
+    /// Puts the light of a part onto its primitives, if it has any.
     pub(crate) fn part(&mut self, number: usize) -> Result<(), SceneError> {
         let (part, source) = (&self.scene.parts[number], &self.scene.sources[number]);
         let light = &self.light.parts[number];
+        if !light.is_lit() {
+            self.written.parts.push(PartWritten::default());
+            return Ok(());
+        }
         let corners = (0..part.triangles.len()).map(|t| self.scene.gltf_corners(number, t));
         let split = split(source.vertices, corners, &light.corner_codes, &light.corner_fallback);
         let first = self.primitive(part.mesh, part.primitives[0]).clone();

@@ -217,7 +217,8 @@ impl<'a> Patch<'a> {
         let nodes = self.document.list("nodes");
         let meshes = self.document.list("meshes").len();
         let mut lit = vec![false; nodes.len()];
-        parts.iter().for_each(|p| lit[p.node] = true);
+        let with_light = parts.iter().zip(&self.light.parts).filter(|(_, light)| light.is_lit());
+        with_light.for_each(|(part, _)| lit[part.node] = true);
         // A mesh that an unlit node shows too must stay as it is.
         let mut taken = vec![false; meshes];
         for (node, json) in nodes.iter().enumerate().filter(|(n, _)| !lit[*n]) {
@@ -228,6 +229,10 @@ impl<'a> Patch<'a> {
             }
         }
         for (number, part) in parts.iter().enumerate() {
+            if !lit[part.node] {
+                self.mesh_of.push(part.mesh);
+                continue;
+            }
             let same = number
                 .checked_sub(1)
                 .filter(|&before| (parts[before].node, parts[before].instance) == (part.node, part.instance));
