@@ -50,6 +50,34 @@ fn fit_sweeps_alpha_and_draws_each() {
 }
 
 #[test]
+fn fit_says_how_far_values_were_outside() {
+    let scene = data("l_shape.glb");
+    let scene = scene.to_str().expect("UTF-8");
+    let with = |bounds: &str, json: bool| {
+        let mut arguments = vec![
+            "fit",
+            scene,
+            "--signal=shadow:-0.5,2.2,-0.8,0.08",
+            "--samples=5000",
+            "--rays=16",
+            "--sweep=alpha=0",
+        ];
+        arguments.extend(["-q", "--bounds", bounds]);
+        arguments.extend(json.then_some("--json"));
+        succeed(arguments)
+    };
+    let outside = ["none", "clamp", "clamp-after", "optimum"].map(|bounds| {
+        let rows: Value = serde_json::from_str(&with(bounds, true)).expect("JSON");
+        rows[0]["outside"].clone()
+    });
+    assert!(outside[0]["count"].as_u64() > Some(0), "{outside:?}");
+    assert!(outside[0]["mean"].as_f64() < outside[0]["largest"].as_f64(), "{outside:?}");
+    assert!(outside.iter().all(|o| o["count"] == outside[0]["count"]), "{outside:?}");
+    assert!(with("clamp", false).contains("then they were clamped"));
+    assert!(fail(1, ["fit", scene, "--bounds", "tight", "-q"]).contains("clamp-after"));
+}
+
+#[test]
 fn compare_takes_light_that_the_file_carries() {
     let Some(scene) = shared_scene("sheen_chair.glb") else { return };
     let scene = scene.to_str().expect("UTF-8");

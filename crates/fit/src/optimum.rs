@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::assembly::Rows;
 use crate::system::Sheet;
 
-/// The scaled projected gradient at which the optimum is taken, relative to the range: far below the 1e-6 that
+/// The scaled projected gradient at which the optimum is taken, relative to the range of bounds or values: far below the 1e-6 that
 /// the conditions are tested to.
 const TOLERANCE: f64 = 1e-8;
 /// Steps after which the best feasible point is taken.
@@ -109,7 +109,9 @@ pub(crate) fn minimize(
         scale: unknowns.map(|u| 1.0 / rows.diagonal(u).sqrt()).collect(),
     };
     let n = x.len();
-    let goal = TOLERANCE * (high - low);
+    // Light has no upper bound: then the values themselves say what is small.
+    let (least, most) = x.iter().fold((0.0_f64, 0.0_f64), |(l, m), &v| (l.min(v), m.max(v)));
+    let goal = TOLERANCE * (high - low).min(most - least);
     let scale = &matrix.scale;
     let lows: Vec<f64> = scale.iter().map(|s| low / s).collect();
     let highs: Vec<f64> = scale.iter().map(|s| high / s).collect();

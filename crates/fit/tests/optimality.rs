@@ -86,6 +86,25 @@ proptest! {
     }
 
     #[test]
+    fn optimum_under_one_bound_is_the_optimum_under_a_far_one(n in 3_u32..10, seed: u64) {
+        let m = sheet(n, 0.6, seed);
+        let (points, weights) = scatter(&m, 4, seed);
+        let values = noisy(&m, &points, seed);
+        let observations = Observations { points: &points, weights: &weights, values: &values, channels: 1 };
+        let run = |high| {
+            let bounds = Bounds::Optimum { low: 0.3, high };
+            let options = FitOptions { bounds, ..options(SAMPLED, Regularizer::None, 0.0) };
+            let fitted = fit(&m, &adjacency(&m), &observations, None, &options).expect("fits");
+            prop_assert_eq!(fitted.report.optimum_unmet, 0);
+            Ok(fitted.values)
+        };
+        let (open, far) = (run(f32::INFINITY)?, run(50.0)?);
+        for (a, b) in open.iter().zip(&far) {
+            prop_assert!((a - b).abs() < 1e-5, "{a} and {b}");
+        }
+    }
+
+    #[test]
     fn solvers_agree(n in 10_u32..40, seed: u64, alpha in 0.0_f32..1.0, channels in 1_usize..26) {
         let m = sheet(n, 0.9, seed);
         let (points, weights) = scatter(&m, 2, seed);
