@@ -19,8 +19,8 @@ export function registerLightkiln(options = {}) {
 
 class LightkilnLoader {
   name = EXTENSION
-  /** Before extensions that load material properties, for they end the search. */
-  order = 0
+  /** Before extensions that load vertices or material properties, for they end the search. 0 would mean last. */
+  order = 1
   light = null
   loading = null // resolves to whether the light is there
   prepared = new WeakSet()

@@ -179,7 +179,7 @@ function writePrimitives(json, lightmap) {
   const names = lightmap.getDef().layers.map(({ attribute }) => attribute)
   for (const primitive of json.meshes?.flatMap(({ primitives }) => primitives) ?? []) {
     if (!names.every((name) => primitive.attributes[name] !== undefined)) continue
-    const light = { attributes: names, lightmap: 0 }
+    const light = { attributes: names }
     for (const [key, name] of [['color0', lightmap.getColor0()], ['fallback', lightmap.getFallback()]]) {
       if (name !== '' && primitive.attributes[name] !== undefined) light[key] = name
     }

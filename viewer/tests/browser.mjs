@@ -8,7 +8,7 @@ import { fileURLToPath } from 'node:url'
 import { chromium } from 'playwright-core'
 
 const VIEWER = fileURLToPath(new URL('..', import.meta.url))
-const TYPES = { '.html': 'text/html', '.js': 'text/javascript', '.mjs': 'text/javascript', '.wasm': 'application/wasm',
+const TYPES = { '.html': 'text/html', '.js': 'text/javascript', '.mjs': 'text/javascript', '.cjs': 'text/javascript', '.wasm': 'application/wasm',
   '.json': 'application/json', '.png': 'image/png' }
 
 /** Debian's Chromium, or the one of `CHROMIUM`, or that of `npx playwright-core install chromium`. */

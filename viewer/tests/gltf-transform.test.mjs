@@ -116,7 +116,7 @@ test('fallback and colors of the asset keep their names, also through join', asy
   const { json } = readGlb(await io.writeBinary(document))
   assert.equal(json.meshes.length, 1)
   assert.deepEqual(json.meshes[0].primitives.map(({ extensions }) => extensions[EXTENSION]), [
-    { attributes: ['_LIGHTUV'], lightmap: 0, color0: '_LIGHTKILN_COLOR_0', fallback: 'COLOR_0' },
+    { attributes: ['_LIGHTUV'], color0: '_LIGHTKILN_COLOR_0', fallback: 'COLOR_0' },
   ])
 })
 

@@ -104,7 +104,7 @@ export function square({ layers, pageSize, material = {}, extra = {}, colors = n
     NORMAL: addAccessor(file, new Float32Array([0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1]), 'VEC3'),
     TEXCOORD_0: addAccessor(file, new Float32Array([0, 1, 1, 1, 1, 0, 0, 0]), 'VEC2'),
   }
-  const light = { attributes: [], lightmap: 0 }
+  const light = { attributes: [] }
   const written = layers.map(({ codes, pages = [], ...layer }, number) => {
     const attribute = number === 0 ? '_LIGHTUV' : `_LIGHTUV_${number}`
     attributes[attribute] = addAccessor(file, Uint16Array.from(codes.flat()), 'VEC2')

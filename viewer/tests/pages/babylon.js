@@ -15,6 +15,7 @@ import { MeshoptCompression } from '@babylonjs/core/Meshes/Compression/meshoptCo
 import { Scene } from '@babylonjs/core/scene.js'
 import '@babylonjs/core/Helpers/sceneHelpers.js'
 import '@babylonjs/loaders/glTF/2.0/index.js'
+import { unregisterGLTFExtension } from '@babylonjs/loaders/glTF/2.0/glTFLoaderExtensionRegistry.js'
 import { registerLightkiln } from 'babylon-lightkiln'
 
 const SIZE = 256
@@ -25,7 +26,7 @@ DracoDecoder.DefaultConfiguration = {
   wasmBinaryUrl: '/node_modules/three/examples/jsm/libs/draco/gltf/draco_decoder.wasm',
   fallbackUrl: '/node_modules/three/examples/jsm/libs/draco/gltf/draco_decoder.js',
 }
-MeshoptCompression.Configuration = { decoder: { url: '/node_modules/meshoptimizer/meshopt_decoder.js' } }
+MeshoptCompression.Configuration = { decoder: { url: '/node_modules/meshoptimizer/meshopt_decoder.cjs' } }
 
 let scene = null
 let light = null
@@ -46,9 +47,8 @@ globalThis.tests = {
     scene.clearColor = new Color4(0, 0, 0, 1)
     const role = roles && (({ signal }) => roles[signal] ?? 'none')
     registerLightkiln({ ...options, role, onLight: (found) => { light = found } })
-    const container = await LoadAssetContainerAsync(url, scene, {
-      pluginOptions: { gltf: { extensionOptions: { LIGHTKILN_lightmap: { enabled: plugin } } } },
-    })
+    if (!plugin) unregisterGLTFExtension('LIGHTKILN_lightmap')
+    const container = await LoadAssetContainerAsync(url, scene)
     container.addAllToScene()
     return { lit: light !== null && light.isReady === true, materials: scene.materials.map((m) => m.getClassName()) }
   },
