@@ -2,6 +2,18 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Bins of [`ErrorSummary::histogram`].
+pub const BINS: usize = 20;
+
+/// Where the second bin begins. Each is a factor of the root of 2 wide, the last one is open.
+pub const FIRST_EDGE: f32 = 1.0 / 1024.0;
+
+/// The errors that a bin holds: from the first number on, below the second.
+pub fn bin_range(bin: usize) -> [f32; 2] {
+    let edge = |bin: usize| FIRST_EDGE * 2.0_f32.powf((bin as f32 - 1.0) / 2.0);
+    [if bin == 0 { 0.0 } else { edge(bin) }, if bin + 1 >= BINS { f32::INFINITY } else { edge(bin + 1) }]
+}
+
 /// Distribution of absolute errors at points that stand for equal areas.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "camelCase")]
@@ -20,6 +32,9 @@ pub struct ErrorSummary {
     pub max: f32,
     /// Root mean square of the references' own noise, which all of the above contain.
     pub noise: f32,
+    /// Points by the size of their error, see [`bin_range`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub histogram: Option<[u32; BINS]>,
 }
 
 impl ErrorSummary {
@@ -47,8 +62,18 @@ impl ErrorSummary {
             p999: quantile(&sizes, 0.999),
             max: sizes[count - 1],
             noise: (noise / count as f64).sqrt() as f32,
+            histogram: Some(histogram(&sizes)),
         }
     }
+}
+
+/// Counts sorted sizes bin by bin.
+fn histogram(sorted: &[f32]) -> [u32; BINS] {
+    let below = |bin: usize| sorted.partition_point(|&size| size < bin_range(bin)[0]);
+    std::array::from_fn(|bin| {
+        let end = if bin + 1 == BINS { sorted.len() } else { below(bin + 1) };
+        (end - below(bin)) as u32
+    })
 }
 
 /// The smallest value that at least a share `q` of the sorted values do not exceed.
@@ -69,6 +94,20 @@ mod tests {
         assert_eq!((summary.points, summary.median, summary.p99, summary.max), (1000, 0.5, 0.99, 1.0));
         assert_eq!(summary.p999, 0.999);
         assert!((summary.rmse - 0.5775).abs() < 1e-3 && (summary.noise - 0.01).abs() < 1e-6);
+    }
+
+    #[test]
+    fn summary_counts_every_point_in_the_bin_of_its_size() {
+        let sizes = [0.0, 0.0009, 0.001, 0.3, -0.3, 0.51, 7.0, f32::NAN];
+        let histogram = ErrorSummary::new(sizes.map(|e| (e, 0.0))).histogram.unwrap();
+        assert_eq!(histogram.iter().sum::<u32>(), 8);
+        assert_eq!((histogram[0], histogram[1], histogram[BINS - 1]), (2, 1, 3));
+        for (bin, &count) in histogram.iter().enumerate() {
+            let [from, to] = bin_range(bin);
+            assert!(count != 2 || bin == 0 || (from <= 0.3 && 0.3 < to));
+            assert!(bin == 0 || from == bin_range(bin - 1)[1]);
+        }
+        assert_eq!(bin_range(BINS - 1), [0.5, f32::INFINITY]);
     }
 
     #[test]
