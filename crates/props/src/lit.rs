@@ -226,7 +226,8 @@ pub fn leaks(size: usize) -> Assembly {
     scene.part("touching", ball(0.2, 5).moved(DVec3::new(0.35, 0.2, 0.45)), white, Some(root));
     let bowl: &[(f64, f64)] = &[(0.0, -0.25), (0.18, -0.18), (0.25, 0.0)];
     let lying = Place { rotation: Quat::from_rotation_x(1.2), ..Place::at(-0.9, 0.26, 1.0) };
-    let bowl = scene.mesh("bowl", lathe(&detail, 24, &[bowl]).upright(), both);
+    let round = Detail { per_metre: 16.0, only_count: false };
+    let bowl = scene.mesh("bowl", lathe(&round, 24, &[bowl]).upright(), both);
     scene.node("open_bowl", Some(bowl), Some(root), lying);
     let sheet = rectangle(DVec3::new(0.9, 0.0, 1.2), DVec3::X * 0.6, DVec3::Y * 0.5, [4; 2]);
     let twice = sheet.clone().and(sheet.flipped());
