@@ -6,6 +6,10 @@
 //! inverse-chi-square prior), so that few batches are judged by the second and many by the first; and the
 //! second keeps a floor, because batches that all agree have no spread, yet may all have missed the same
 //! small occluder.
+//!
+//! Light has no range that would say what spread to expect, and its noise differs by orders of magnitude between
+//! places. What is expected of a point is what its neighbours in the order of points show (samples and texels come
+//! triangle by triangle and row by row), or what all points show, if that is more.
 
 use lightkiln_mesh::SurfacePoint;
 use rayon::prelude::*;
@@ -20,8 +24,12 @@ const PRIOR_GAIN: f64 = 0.85;
 /// The part of a stratum (a share of 1 / rays) that stratification cannot know however regular the occluder:
 /// what covers less than a stratum is met as if rays were independent, what covers more has an edge.
 const LEAST_STRATA: f64 = 0.7;
-/// The share of the squared mean of all points that a dark point is not trusted with.
+/// The same for light.
+const PRIOR_BATCHES_OF_LIGHT: f64 = 6.0;
+/// The share of the spread of all points that a dark point is not trusted with.
 const DARK_SHARE: f64 = 0.01;
+/// Neighbours on either side.
+const NEIGHBOURS: usize = 4;
 /// Points that a thread works on at a time: large enough to hide the hand-over, small enough to balance.
 const CHUNK: usize = 64;
 /// Backs seen first in this share of directions mean that a point lies inside other geometry.
@@ -49,8 +57,8 @@ pub struct Estimates {
 enum Expected {
     /// That of yes-or-no rays between two numbers.
     Rays { low: f32, high: f32 },
-    /// What the other points have: the variance of a batch relative to the squared mean, and the mean of all.
-    Pooled { relative: f64, mean: f64 },
+    /// What the other points have: the mean variance of a batch, if any has two, and the mean value.
+    Pooled { variance: Option<f64>, mean: f64 },
 }
 
 impl Estimates {
@@ -122,19 +130,32 @@ impl Estimates {
     }
 
     fn pooled_spread(&self, channel: usize) -> Expected {
-        let (mut variance, mut square, mut sum, mut count) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
-        for (point, &batches) in self.batches.iter().enumerate().filter(|(_, b)| **b > 1) {
+        let (mut variance, mut spread, mut sum, mut lit) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+        for (point, &batches) in self.batches.iter().enumerate().filter(|(_, b)| **b > 0) {
             let at = point * self.channels + channel;
-            let mean = f64::from(self.mean[at]);
-            variance += f64::from(self.m2[at]) / (f64::from(batches) - 1.0);
-            square += mean * mean;
-            sum += mean.abs();
-            count += 1.0;
+            sum += f64::from(self.mean[at]).abs();
+            lit += 1.0;
+            if batches > 1 {
+                variance += f64::from(self.m2[at]) / (f64::from(batches) - 1.0);
+                spread += 1.0;
+            }
         }
-        if square == 0.0 {
-            return Expected::Pooled { relative: 1.0, mean: 0.0 };
+        Expected::Pooled {
+            variance: (spread > 0.0).then(|| variance / spread),
+            mean: if lit > 0.0 { sum / lit } else { 0.0 },
         }
-        Expected::Pooled { relative: variance / square, mean: sum / count }
+    }
+
+    /// Variance of a batch among the neighbours of a point; 0 where none has two batches.
+    fn spread_around(&self, i: usize, channel: usize) -> f64 {
+        let (mut m2, mut freedom) = (0.0, 0.0);
+        for j in i.saturating_sub(NEIGHBOURS)..(i + NEIGHBOURS + 1).min(self.batches.len()) {
+            if j != i && self.batches[j] > 1 {
+                m2 += f64::from(self.m2[j * self.channels + channel]);
+                freedom += f64::from(self.batches[j]) - 1.0;
+            }
+        }
+        if freedom > 0.0 { m2 / freedom } else { 0.0 }
     }
 
     /// The same estimates for other points: point `i` continues point `from[i]` of these, or starts anew.
@@ -183,7 +204,8 @@ impl Estimates {
 
     /// Variance of a point's value around the truth; infinite before the first batch.
     ///
-    /// Never zero: rays that all agree leave a sigma of about 1.4 / rays of the range.
+    /// Never zero for bounded values: rays that all agree leave a sigma of about 1.4 / rays of the range. That of light
+    /// is zero only where all points are dark, or no ray of any batch differs, as under one hard light.
     pub fn variance_of_mean(&self, i: usize, channel: usize) -> f32 {
         let batches = f64::from(self.batches[i]);
         if batches == 0.0 {
@@ -191,8 +213,7 @@ impl Estimates {
         }
         let at = i * self.channels + channel;
         let m2 = f64::from(self.m2[at]);
-        let weighed =
-            |expected: f64| (PRIOR_BATCHES * expected + m2) / (PRIOR_BATCHES + batches - 1.0) / batches;
+        let weighed = |prior: f64, expected: f64| (prior * expected + m2) / (prior + batches - 1.0) / batches;
         let variance = match self.spreads[channel] {
             Expected::Rays { low, high } => {
                 let (low, high) = (f64::from(low), f64::from(high));
@@ -204,12 +225,18 @@ impl Estimates {
                 let independent = share * (1.0 - share);
                 let unit = extent * extent / rays;
                 let least = independent.min(LEAST_STRATA / rays) * unit;
-                weighed((PRIOR_GAIN * independent * unit).max(least)).max(least / batches)
+                weighed(PRIOR_BATCHES, (PRIOR_GAIN * independent * unit).max(least)).max(least / batches)
             }
-            Expected::Pooled { relative, mean } => {
-                // A point in the dark may have missed the light: it keeps a little of what others have.
-                let own = f64::from(self.mean[at]);
-                weighed(relative * (own * own + DARK_SHARE * mean * mean / batches))
+            Expected::Pooled { variance: None, mean } => f64::from(self.mean[at]).powi(2) + mean * mean,
+            Expected::Pooled { variance: Some(variance), mean } => {
+                // Noise of light grows with the light: in between, its variance is about proportional to it. A point
+                // in the dark may have missed the light: it keeps a little of what others have.
+                let own = f64::from(self.mean[at]).abs();
+                let share = if mean > 0.0 { own / mean } else { 0.0 } + DARK_SHARE / batches;
+                let expected = self.spread_around(i, channel).max(variance * share);
+                // A point that shows more than is expected is believed.
+                let shown = if batches > 1.0 { m2 / (batches - 1.0) } else { 0.0 };
+                weighed(PRIOR_BATCHES_OF_LIGHT, expected).max(shown / batches)
             }
         };
         variance as f32

@@ -279,8 +279,9 @@ impl<'a> PathTraced<'a> {
             });
             looks = found;
             direction = receiver.direction(next);
-            density = receiver.cosine(direction) / PI;
-            if density <= 0.0 {
+            density = receiver.density(direction);
+            // After the last bounce only what shines by itself is looked for.
+            if density <= 0.0 || (depth >= bounces && !self.sources.surround()) {
                 break;
             }
             let mut next = [None];
