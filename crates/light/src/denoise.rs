@@ -84,7 +84,7 @@ const CHUNK: usize = 512;
 ///   make noise seven times smaller where the light is even
 /// - returns points x channels each
 ///
-/// Memory: about 300 bytes a point at three channels. Time: linear in points and neighbours.
+/// Memory: about 400 bytes a point at three channels, 200 at one. Time: linear in points and neighbours.
 ///
 /// # Panics
 /// Where the lengths of the slices do not fit each other or there are no 1 to 3 channels: a mistake of the caller.

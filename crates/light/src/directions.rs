@@ -5,6 +5,21 @@
 //! point uniform; it needs one random bit per node of a binary tree, 15 for the four digits of a coordinate,
 //! so one hash scrambles both coordinates exactly. Batches have scrambles of their own and are independent.
 //!
+//! One scrambled sequence over all batches of a point (batch b takes its points 16 b to 16 b + 15) would have less noise.
+//! Measured as root mean square error of ambient occlusion, relative to independent batches, at 1500 points of
+//! dream_apartment, flight_helmet, japanese_bridge_garden and sheen_chair (which hardly differ):
+//!
+//! | batches | 1 | 2 | 4 | 8 | 16 | 32 | 64 |
+//! |---|---|---|---|---|---|---|---|
+//! | one sequence | 1.01 | 0.90 | 0.75 | 0.63 | 0.54 | 0.47 | 0.43 |
+//! | the same as its batches' spread claims it | | 1.11 | 1.08 | 1.03 | 1.02 | 1.01 | 1.01 |
+//! | four sequences in turn | 1.01 | 0.99 | 0.99 | 0.87 | 0.77 | 0.64 | 0.58 |
+//!
+//! It is not used: [`crate::Estimates`] learns noise from the spread of batches, which then knows nothing of the gain.
+//! Nobody would trace fewer rays, and who subtracts noise from a measured error would subtract up to five times too
+//! much. Two sequences in turn, with the difference of their means as the measure of noise, would be honest; they cost a
+//! number a channel.
+//!
 //! The square goes to the disk by Shirley and Chiu 1997 and from there up to the hemisphere (Malley), which
 //! gives density cos/pi. Sine and cosine are polynomials, because libraries differ in the last bit.
 
