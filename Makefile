@@ -7,6 +7,7 @@
 #   make bake       bake every scene of data/ into out/; editing one scene rebuilds one
 #   make report     print the reports of out/      make validate  validator and schemas over out/
 #   make validate-scenes SCENES_DIR=...             the same over scenes of your own, and glTF-Transform
+#   make viewer     npm ci of viewer/                make test-viewer  its tests, in headless Chromium
 #   make sheets     the picture sheets of docs/       make figures  the charts of docs/
 #   make peers      irradiance against another path tracer, which PEERS_PYTHON has: see tests/peers
 
@@ -24,7 +25,7 @@ BAKED = $(SCENES:data/%.glb=out/%.baked.glb)
 SCENES_DIR ?= ../shared/scenes
 
 .PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets figures clean
-.PHONY: test-build validator validate validate-scenes peers
+.PHONY: viewer test-viewer test-build validator validate validate-scenes peers
 .DELETE_ON_ERROR:
 
 build:
@@ -82,6 +83,19 @@ validator:
 validate: bake validator
 	node tests/validator/validate.mjs $(SCENES) -- $(BAKED)
 	node tests/validator/schema.mjs $(BAKED:.baked.glb=.json) $(BAKED)
+
+viewer:
+	npm ci --prefix viewer --no-audit --no-fund --loglevel=error
+
+# The packages of viewer/, in headless Chromium, on what `bake` makes and on files of other signals.
+test-viewer: bake viewer out/contact_signals.baked.glb out/cornell_box_light.baked.glb
+	npm test --prefix viewer
+
+out/contact_signals.baked.glb: data/contact.glb | build
+	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --signal ao+bent-normal+shadow:1,3,2,0.3
+
+out/cornell_box_light.baked.glb: data/cornell_box.glb | build
+	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --signal lightmap
 
 # A bound that a draft does not keep (6) is no fault of the file that was written.
 validate-scenes: build validator

@@ -44,7 +44,9 @@ class LightkilnLoader {
     try {
       const lightmap = readExtension(this.loader.gltf)
       if (lightmap === null) return
-      this.light = new Light(lightmap, this.loader.babylonScene, this.options)
+      const light = new Light(lightmap, this.loader.babylonScene, this.options)
+      if (light.used.length === 0) throw new Error('no layer has a role')
+      this.light = light
       this.options.onLight?.(this.light)
       this.loading = this.light.load((texture) => this.readTexture(texture)).then(() => true, failed)
     } catch (error) {

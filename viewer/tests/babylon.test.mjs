@@ -130,7 +130,8 @@ test('irradiance is not dimmed by the occlusion beside it', async () => {
 })
 
 test('shadow dims lamps, and only when it is asked for', async () => {
-  const bytes = square({ layers: [{ signal: 'shadow', codes: four(scalarCode(0.25)) }], material: lit(), fallback: false })
+  const layers = [occlusion(255), { signal: 'shadow', codes: four(scalarCode(0.25)) }]
+  const bytes = square({ layers, material: lit(), fallback: false })
   const sun = (intensity) => `new DirectionalLight('sun', new Vector3(-0.3, -0.4, -1), scene).intensity = ${intensity}
     scene.ambientColor = new Color3(0.1, 0.1, 0.1)
     scene.materials.forEach((material) => { material.ambientColor = new Color3(1, 1, 1) })`
@@ -190,7 +191,8 @@ test('a file that cannot be read shows its fallback and says why', async () => {
   broken.json.extensions[EXTENSION].layers[0].pages = [addTexture(broken, new Uint8Array([1, 2, 3]))]
   const old = readGlb(square({ layers: [occlusion(255)], material: UNLIT, colors: [0.5, 0.5, 0.5] }))
   old.json.extensions[EXTENSION].version = 1
-  for (const file of [broken, old]) {
+  const unknown = readGlb(square({ layers: [{ ...occlusion(1), signal: 'unheardOf' }], material: UNLIT, colors: [0.5, 0.5, 0.5] }))
+  for (const file of [broken, old, unknown]) {
     assert.equal((await load(writeGlb(file))).lit, false)
     near(await middle(), shown([0.4, 0.25, 0.15]))
     const [complaint, ...others] = complaints.splice(0)

@@ -73,22 +73,6 @@ export async function addLayer(bytes, { of, form = 'packed', bits = 8, ...layer 
   return writeGlb(file)
 }
 
-/** A baked file of version 1 as one of version 2. */
-export function upgrade(bytes) {
-  const file = readGlb(bytes)
-  const { signal, range, pages, distance, ...root } = file.json.extensions[EXTENSION]
-  if (root.version !== 1) return bytes
-  const layer = { signal, attribute: '_LIGHTUV', channels: 1, curve: 'linear', range, codes: 'packed', pages, distance }
-  file.json.extensions[EXTENSION] = { ...root, version: 2, layers: [layer] }
-  for (const primitive of primitivesOf(file.json)) {
-    const light = primitive.extensions?.[EXTENSION]
-    if (light === undefined) continue
-    light.attributes = [light.attribute]
-    delete light.attribute
-  }
-  return writeGlb(file)
-}
-
 /**
  * A square from (-1, -1, 0) to (1, 1, 0), facing +z, whose corners have the codes given.
  *

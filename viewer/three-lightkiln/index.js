@@ -21,7 +21,9 @@ export class LightkilnPlugin {
     try {
       const lightmap = readExtension(parser.json)
       if (lightmap === null) return
-      this.light = await Light.load(lightmap, (texture) => this.readTexture(texture), this.options)
+      const light = await Light.load(lightmap, (texture) => this.readTexture(texture), this.options)
+      if (light.layers.every(({ role }) => role === 'none')) throw new Error('no layer has a role')
+      this.light = light
       prepare(parser.json, lightmap.layers)
     } catch (error) {
       console.warn(`three-lightkiln: the fallback is shown: ${error.message}`)
