@@ -88,7 +88,7 @@ impl Emitters {
         let x = f64::from(x) + f64::from(random::unit(key)) / 16_777_216.0;
         let i = self.cumulative.partition_point(|&c| c <= x).min(self.cumulative.len().checked_sub(1)?);
         let low = if i == 0 { 0.0 } else { self.cumulative[i - 1] };
-        let across = ((x - low) / (self.cumulative[i] - low)).clamp(0.0, 1.0) as f32;
+        let across = ((x - low) / (self.cumulative[i] - low).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0) as f32;
         // The square folded onto the triangle, as strata of it stay strata.
         let barycentric = random::square_to_triangle([across, y]);
         Some((SurfacePoint { triangle: self.triangles[i], barycentric }, self.densities[i]))

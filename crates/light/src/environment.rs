@@ -169,9 +169,11 @@ impl Environment {
         row * self.width + column
     }
 
-    /// Solid angle density with which [`Self::sample`] gives a direction.
-    pub(crate) fn density(&self, direction: Vec3) -> f32 {
-        if self.sampled > 0.0 { self.bright(self.radiance(direction)) / self.sampled } else { 0.0 }
+    /// What is seen in a direction, and the solid angle density with which [`Self::sample`] gives it.
+    pub(crate) fn look(&self, direction: Vec3) -> (Vec3, f32) {
+        let radiance = self.radiance(direction);
+        let density = if self.sampled > 0.0 { self.bright(radiance) / self.sampled } else { 0.0 };
+        (radiance, density)
     }
 
     /// A direction, its radiance and its density; none if nothing is sampled.
@@ -225,7 +227,7 @@ mod tests {
             assert!((direction.length() - 1.0).abs() < 1e-5);
             // Rounding may move a direction on a texel's border to the next texel.
             if environment.radiance(direction) == radiance {
-                assert_eq!(environment.density(direction), density);
+                assert_eq!(environment.look(direction), (radiance, density));
                 sum += 1.0;
             }
         }

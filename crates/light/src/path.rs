@@ -23,6 +23,7 @@ use crate::inside::{Backs, back_share};
 use crate::lights::luminance;
 use crate::receiver::Receiver;
 use crate::sources::{Looks, ShadowRay, Sources, trace, weight as weigh};
+use crate::tracer::share;
 use crate::traverse::BUNDLE;
 use crate::{Domain, Hit, Layer, LightError, Lighting, Origin, Signal, Tracer};
 
@@ -211,9 +212,8 @@ impl<'a> PathTraced<'a> {
                 if let Some(environment) = self.sources.environment
                     && own > 0.0
                 {
-                    let others =
-                        if looks.sky > 0.0 { looks.sky * environment.density(direction) } else { 0.0 };
-                    *found += weight * environment.radiance(direction) * weigh(own, others);
+                    let (shown, density) = environment.look(direction);
+                    *found += weight * shown * weigh(own, looks.sky * density);
                 }
                 break;
             };
@@ -235,9 +235,9 @@ impl<'a> PathTraced<'a> {
             }
             let mut keeps = Vec3::ONE;
             if flags.translucent {
-                let clear = surfaces.transmission(met.triangle, met.barycentric).clamp(Vec3::ZERO, Vec3::ONE);
-                let opacity = surfaces.opacity(met.triangle, met.barycentric).clamp(0.0, 1.0);
-                keeps = Vec3::splat(opacity).min(Vec3::ONE - clear);
+                let clear = share(surfaces.transmission(met.triangle, met.barycentric));
+                let opacity = Vec3::splat(surfaces.opacity(met.triangle, met.barycentric));
+                keeps = share(opacity).min(Vec3::ONE - clear);
                 let (passes, stays) = ((weight * clear).max_element(), (weight * keeps).max_element());
                 let through = passes / (passes + stays);
                 if panes >= MOST_PANES || passes + stays <= 0.0 {
@@ -258,7 +258,7 @@ impl<'a> PathTraced<'a> {
                 break;
             }
             let albedo = surfaces.albedo(met.triangle, met.barycentric);
-            weight *= keeps * albedo.clamp(Vec3::ZERO, Vec3::splat(MOST_ALBEDO));
+            weight *= keeps * share(albedo).min(Vec3::splat(MOST_ALBEDO));
             depth += 1;
             if weight.max_element() <= 0.0 {
                 break;

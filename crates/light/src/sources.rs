@@ -6,7 +6,8 @@
 //!
 //! A baked point has sixteen shadow rays a batch. As long as there are no more lights, each that can reach the point has
 //! one at least; hard ones, which need no more, leave the rest to the others. Beyond, lights are chosen by about
-//! what they give: one in turn for each step of the running sum, and always those that make a step alone.
+//! what they give: one in turn for each step of the running sum, and always those that make a step alone. All lights
+//! are asked what they give at every point, which is cheap beside a ray for some tens of them.
 
 use std::f32::consts::PI;
 
@@ -32,6 +33,9 @@ pub(crate) enum Strategy {
 const RAYS: usize = BATCH;
 /// Rays to the sky and to shining surfaces, each, where there are more lights than rays.
 const RAYS_AMONG_MANY: usize = 2;
+
+/// The part of the way to a light that is to be clear: a lamp may lie in the plane of the ceiling that it hangs from.
+const CLEARANCE: f32 = 0.9999;
 
 /// How many rays of a point look for the sky and for shining surfaces: what [`weight`] needs.
 #[derive(Clone, Copy, Debug)]
@@ -152,7 +156,7 @@ impl<'a> Sources<'a> {
         if cosine <= 0.0 || (!low && direction.dot(receiver.geometric) <= 0.0) {
             return None;
         }
-        let limit = (distance * self.tracer.scale()).min(f32::MAX);
+        let limit = (distance * self.tracer.scale() * CLEARANCE).min(f32::MAX);
         Some(ShadowRay { direction, limit, facing: illuminance * scale, cosine, share: 1.0, low })
     }
 

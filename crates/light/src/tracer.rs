@@ -369,10 +369,15 @@ impl Tinted<'_> {
     fn tint(&mut self, ray: usize, limit: f32, block: &Block, lanes: u32, edges: [[f32; WIDTH]; 3]) -> f32 {
         for (triangle, barycentric) in panes(block, lanes, edges) {
             let tint = self.surfaces.transmission(triangle, barycentric);
-            self.tints[ray] *= tint.clamp(Vec3::ZERO, Vec3::ONE);
+            self.tints[ray] *= share(tint);
         }
         if self.tints[ray] != Vec3::ZERO { limit } else { 0.0 }
     }
+}
+
+/// Shares of light between 0 and 1; nothing for numbers that make no sense.
+pub(crate) fn share(color: Vec3) -> Vec3 {
+    if color.is_nan() { Vec3::ZERO } else { color.clamp(Vec3::ZERO, Vec3::ONE) }
 }
 
 /// The triangles of a block that a ray goes through, without the widening of the edges: where two panes meet, a ray is

@@ -389,6 +389,38 @@ fn indirect_grows_with_bounces_and_converges() {
 }
 
 #[test]
+fn indirect_with_a_clamp_is_darker_never_brighter() {
+    let mesh = quads(&room(Vec3::ONE));
+    let mut paints = vec![grey(0.7); 6];
+    paints[3].emission = Vec3::splat(3.0);
+    let paints = Paints(paints);
+    let point = [at(&mesh, 2, Vec3::new(0.2, -1.0, 0.4))];
+    let run = |clamp| {
+        let options = PathOptions { clamp, ..PathOptions::default() };
+        bake(&mesh, &paints, &Lighting::default(), &[Output::Indirect, Output::Direct], &point, 100, options)
+    };
+    let (free, wide, tight) = (run(None), run(Some(1e9)), run(Some(1.0)));
+    assert_eq!(free, wide);
+    assert!(tight.mean(0)[0] <= 1.0 && tight.mean(0)[0] < free.mean(0)[0] && tight.mean(0)[0] > 0.0);
+    assert_eq!(tight.mean(0)[3], free.mean(0)[3]);
+}
+
+#[test]
+fn quad_light_in_the_plane_of_the_ceiling_is_seen() {
+    let mesh = quads(&room(Vec3::new(7.3, 2.9, 5.1)));
+    let quad = Light::Quad {
+        corner: Vec3::new(-0.5, 2.9, -0.5),
+        edges: [Vec3::X, Vec3::Z],
+        radiance: Vec3::splat(100.0),
+    };
+    let place = Vec3::new(3.3, -2.9, 2.7);
+    let point = at(&mesh, 2, place);
+    let corners = patch(Vec3::new(-0.5, 2.9, -0.5), Vec3::X, Vec3::Z);
+    let truth = 100.0 * PI * analytic::polygon_occlusion(place, Vec3::Y, &corners) as f32;
+    assert_near(irradiance(&mesh, &black(), &lit(&[quad]), point, 20), truth, 0.002);
+}
+
+#[test]
 fn floor_beside_a_wall_gets_one_bounce_of_the_sun() {
     // A wall of albedo a in full sun is a quad light of radiance a E / pi.
     let wall = patch(Vec3::new(-2.0, 0.0, -1.0), Vec3::X * 4.0, Vec3::Y * 3.0);
@@ -579,6 +611,19 @@ fn one_thread_and_many_agree_bit_for_bit() {
         pool.install(|| bake(&mesh, &paints, &lighting, &outputs, &points, 3, PathOptions::default()))
     };
     assert_eq!(run(1), run(5));
+}
+
+#[test]
+fn surfaces_that_make_no_sense_leave_numbers() {
+    let mesh = quads(&room(Vec3::ONE));
+    let nonsense = [Vec3::NAN, Vec3::INFINITY, -Vec3::ONE];
+    let paints =
+        nonsense.map(|v| Paint { albedo: v, emission: v, transmission: Some(v), double_sided: false });
+    let paints = Paints(paints.into_iter().cycle().take(6).collect());
+    let points = [at(&mesh, 2, Vec3::new(0.2, -1.0, 0.4)), at(&mesh, 0, Vec3::new(-1.0, 0.2, 0.4))];
+    let outputs = [Output::Irradiance, Output::Harmonics { bands: 3 }];
+    let e = bake(&mesh, &paints, &Lighting::studio(), &outputs, &points, 20, PathOptions::default());
+    assert!(e.means().iter().all(|v| v.is_finite()), "{:?}", e.means());
 }
 
 #[test]
