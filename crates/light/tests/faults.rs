@@ -308,13 +308,12 @@ fn coarse_smooth_sphere_has_a_round_terminator() {
             let cosine = mesh.shading_normal(point).dot(light);
             let expected = f32::from(u8::from(cosine > 0.0));
             // Within the terminator itself, what is lit has hardly any light.
-            if cosine < 0.0 || cosine > 0.1 {
+            if !(0.0..=0.1).contains(&cosine) {
                 assert_eq!(lit.mean(i)[0], expected, "n {n}: cosine {cosine}");
             }
             wrong += (lit.mean(i)[0] - expected).abs() * cosine.abs();
             count += cosine.abs();
         }
-        println!("n {n}: {:.5} of the light", wrong / count);
         assert!(wrong / count < 0.002, "n {n}: {} of the light is missing", wrong / count);
     }
 }
