@@ -39,6 +39,8 @@ pub enum Command {
     Verify(Verify),
     /// Make a picture of a scene or of its baked light, without a GPU
     Render(Render),
+    /// Look at a baked file in a browser, or write the page as a static site
+    View(crate::view::View),
     /// Fit vertices alone by every method and print what each costs
     Compare(crate::vertices::Compare),
     /// Fit vertices alone with several weights of a regularizer, with pictures
@@ -61,9 +63,9 @@ pub struct Bake {
     /// Print the settings as TOML with every given value filled in, and stop
     #[arg(long)]
     pub print_config: bool,
-    /// Write the report as JSON
-    #[arg(long, value_name = "R.json")]
-    pub report: Option<PathBuf>,
+    /// Write the report: as a page with pictures for a name in .html, else as JSON; may be given twice
+    #[arg(long, value_name = "R.json|R.html")]
+    pub report: Vec<PathBuf>,
     /// Write a Make-style dependency file: all outputs, and every file that was read
     #[arg(long, value_name = "D")]
     pub depfile: Option<PathBuf>,

@@ -10,7 +10,7 @@ use crate::files::{check_outputs, depfile, write_whole};
 use crate::messages::{Exit, Failure};
 use crate::pictures;
 use crate::progress::Stages;
-use crate::vertices;
+use crate::{vertices, view};
 
 /// Runs a command.
 ///
@@ -22,6 +22,7 @@ pub fn run(arguments: Arguments) -> Result<Exit, Failure> {
         Command::Inspect(inspect) => run_inspect(&inspect),
         Command::Verify(verify) => run_verify(&verify),
         Command::Render(render) => pictures::run(&render),
+        Command::View(view) => view::run(&view),
         Command::Compare(compare) => vertices::run_compare(&compare),
         Command::Fit(fit) => vertices::run_fit(&fit),
     }
@@ -51,8 +52,8 @@ fn run_bake(arguments: &Bake) -> Result<Exit, Failure> {
     baked.report.peak_memory_bytes = peak_memory_bytes();
     let report = &baked.report;
 
-    if let Some(path) = &arguments.report {
-        write_whole(path, report.to_json().as_bytes())?;
+    for path in &arguments.report {
+        view::write_report(path, report, &arguments.output, settings.scene)?;
         baked.outputs.push(path.clone());
     }
     if let Some(path) = &arguments.depfile {
@@ -96,7 +97,7 @@ fn check_files(arguments: &Bake) -> Result<(), Failure> {
     }
     let (mut inputs, mut outputs) = (vec![input.as_path()], vec![output.as_path()]);
     inputs.extend(config.as_deref());
-    outputs.extend(report.as_deref());
+    outputs.extend(report.iter().map(std::path::PathBuf::as_path));
     outputs.extend(depfile.as_deref());
     let settings = arguments.settings()?;
     let options = settings.options();

@@ -6,6 +6,7 @@
 //! | [`commands`] | one function per command |
 //! | [`progress`] | bars on a terminal, plain lines elsewhere |
 //! | [`pictures`] | the command `render` |
+//! | [`view`] | the command `view`, and the report as a page |
 //! | [`vertices`] | the commands `compare` and `fit` |
 //! | [`messages`] | errors with place and remedy, exit codes |
 //! | [`files`] | outputs that appear whole or not at all |
@@ -18,6 +19,7 @@ mod messages;
 mod pictures;
 mod progress;
 mod vertices;
+mod view;
 
 use std::process::ExitCode;
 

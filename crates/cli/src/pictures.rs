@@ -35,8 +35,29 @@ pub fn run(arguments: &Render) -> Result<Exit, Failure> {
     if !(arguments.zoom.is_finite() && arguments.zoom > 0.0) {
         return Err(Failure::new(Exit::Usage, format!("--zoom is {}, but must be above 0", arguments.zoom)));
     }
+    let target = match arguments.target.as_deref() {
+        None => None,
+        Some([x, y, z]) => Some(Vec3::new(*x, *y, *z)),
+        Some(other) => {
+            let what = format!("--target has {} numbers, but must have 3", other.len());
+            return Err(Failure::new(Exit::Usage, what).remedy("write it as X,Y,Z"));
+        }
+    };
+    let needs_bake = [ModeName::Light, ModeName::Classes, ModeName::Error, ModeName::Charts];
+    let look = Look {
+        file: &arguments.file,
+        scene: arguments.scene,
+        layer: arguments.layer,
+        view,
+        target,
+        zoom: arguments.zoom,
+        size: arguments.size as usize,
+        rays: arguments.rays,
+        needs_light: arguments.mode.iter().any(|m| needs_bake.contains(m)),
+    };
     let stages = Stages::new(arguments.common.quiet);
-    let pictures = render_all(arguments, view, &stages);
+    let mut clock = Clock::new(&stages);
+    let pictures = in_studio(&look, &mut clock, |studio, clock| studio.pictures(&arguments.mode, clock));
     stages.finish();
     let row = Picture::row(&pictures?).map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
     let png = row.to_png().map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
@@ -44,24 +65,52 @@ pub fn run(arguments: &Render) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Picture>, Failure> {
-    let file = lightkiln_bake::file_name(&arguments.file);
-    let mut clock = Clock::new(stages);
+/// What is looked at, and from where.
+pub struct Look<'a> {
+    /// The file.
+    pub file: &'a Path,
+    /// Which of its scenes.
+    pub scene: Option<usize>,
+    /// The layer that is shown.
+    pub layer: usize,
+    /// Where from.
+    pub view: View,
+    /// What is in the middle, if not the scene.
+    pub target: Option<Vec3>,
+    /// See [`Camera::framing`].
+    pub zoom: f32,
+    /// Width and height in pixels.
+    pub size: usize,
+    /// Rays per pixel for modes that trace light.
+    pub rays: u32,
+    /// Whether the file has to be baked.
+    pub needs_light: bool,
+}
+
+/// Reads a file with its light and all that is needed to trace it again, and works with that.
+///
+/// # Errors
+/// A file that cannot be read, that is not baked but must be, a layer that it does not have; those of the work.
+pub fn in_studio<T>(
+    look: &Look<'_>,
+    clock: &mut Clock<'_>,
+    work: impl FnOnce(&mut Studio<'_>, &mut Clock<'_>) -> Result<T, Failure>,
+) -> Result<T, Failure> {
+    let file = lightkiln_bake::file_name(look.file);
     clock.stage("read");
-    let needs_bake = [ModeName::Light, ModeName::Classes, ModeName::Error, ModeName::Charts];
-    let recipe = match FileLight::recipe(&arguments.file, arguments.scene) {
+    let recipe = match FileLight::recipe(look.file, look.scene) {
         Ok(recipe) => Some(recipe),
-        Err(BakeError::NotBaked { .. }) if !arguments.mode.iter().any(|m| needs_bake.contains(m)) => None,
+        Err(BakeError::NotBaked { .. }) if !look.needs_light => None,
         Err(error) => return Err(error.into()),
     };
-    let folder = arguments.file.parent().unwrap_or(Path::new(""));
+    let folder = look.file.parent().unwrap_or(Path::new(""));
     let (signals, options) = match &recipe {
         Some(recipe) => recipe.read(folder)?,
         None => Default::default(),
     };
     let colors = signals.needs_surfaces();
-    let scene = Scene::read(&arguments.file, &options.read_options(arguments.scene, colors))
-        .map_err(BakeError::from)?;
+    let scene =
+        Scene::read(look.file, &options.read_options(look.scene, colors)).map_err(BakeError::from)?;
     let occluders = options.read_occluders(colors)?;
     let lighting = options.lighting_for(&signals, &scene)?;
     let surface = Surface::with(&scene, &file, options.cast(&scene, &occluders)?)?;
@@ -70,14 +119,6 @@ fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Pic
     let (low, high) = surface.mesh.bounds();
     let distance = recipe.as_ref().map_or((high - low).length() * options::DEFAULT_DISTANCE, Recipe::reach);
     surface.turn_hidden_sheets(&tracer, distance);
-    let target = match arguments.target.as_deref() {
-        Some([x, y, z]) => Some(Vec3::new(*x, *y, *z)),
-        Some(other) => {
-            let what = format!("--target has {} numbers, but must have 3", other.len());
-            return Err(Failure::new(Exit::Usage, what).remedy("write it as X,Y,Z"));
-        }
-        None => None,
-    };
     let signal = signals.on(&Stage {
         surface: &surface,
         tracer: &tracer,
@@ -90,46 +131,43 @@ fn render_all(arguments: &Render, view: View, stages: &Stages) -> Result<Vec<Pic
         Some(light) => light.layers.clone(),
         None => Layers::new(signal.as_ref(), &Estimates::new(0, signal.channels()), &[], None),
     };
-    if arguments.layer >= layers.layers.len() {
-        let what = format!("--layer is {}, but there are {}", arguments.layer, layers.layers.len());
+    if look.layer >= layers.layers.len() {
+        let what = format!("--layer is {}, but there are {}", look.layer, layers.layers.len());
         return Err(Failure::new(Exit::Usage, what).remedy("layers count from 0; see `lightkiln inspect`"));
     }
-    let camera = Camera::framing(&surface.mesh.positions, target, view, arguments.zoom);
-    let studio = Studio {
+    let mut studio = Studio {
         surface: &surface,
         tracer: &tracer,
         light: light.as_ref(),
         views: light.as_ref().map(FileLight::views).transpose()?,
         signal,
         layers,
-        layer: arguments.layer,
-        camera,
-        size: arguments.size as usize,
-        rays: arguments.rays,
+        layer: look.layer,
+        camera: Camera::framing(&surface.mesh.positions, look.target, look.view, look.zoom),
+        size: look.size,
+        rays: look.rays,
     };
-    arguments
-        .mode
-        .iter()
-        .map(|&mode| {
-            clock.stage("render");
-            studio.picture(mode, &mut clock)
-        })
-        .collect()
+    work(&mut studio, clock)
 }
 
 /// What pictures of one scene share.
-struct Studio<'a> {
-    surface: &'a Surface<'a>,
+pub struct Studio<'a> {
+    /// The light mesh.
+    pub surface: &'a Surface<'a>,
     tracer: &'a Tracer<'a>,
-    light: Option<&'a FileLight>,
+    /// What the file shows, if it is baked.
+    pub light: Option<&'a FileLight>,
     views: Option<Vec<AtlasView<'a>>>,
     signal: Box<dyn Signal + 'a>,
-    layers: Layers,
+    /// What its values mean.
+    pub layers: Layers,
     /// The layer that is shown.
-    layer: usize,
+    pub layer: usize,
     camera: Camera,
-    size: usize,
-    rays: u32,
+    /// Width and height in pixels.
+    pub size: usize,
+    /// Rays per pixel for modes that trace light.
+    pub rays: u32,
 }
 
 /// Colors of classes: texture, mixed, color.
@@ -143,6 +181,18 @@ const UNLIT: Vec3 = Vec3::new(0.05, 0.05, 0.06);
 const ERROR_GAIN: f32 = 10.0;
 
 impl Studio<'_> {
+    /// A picture for each mode.
+    ///
+    /// # Errors
+    /// When vertices cannot be fitted.
+    pub fn pictures(&self, modes: &[ModeName], clock: &mut Clock<'_>) -> Result<Vec<Picture>, Failure> {
+        let one = |&mode: &ModeName| {
+            clock.stage("render");
+            self.picture(mode, clock)
+        };
+        modes.iter().map(one).collect()
+    }
+
     fn picture(&self, mode: ModeName, clock: &mut Clock<'_>) -> Result<Picture, Failure> {
         let mesh = &self.surface.mesh;
         Ok(match mode {
@@ -265,6 +315,26 @@ impl Studio<'_> {
         checker * (Vec3::splat(0.25) + 0.7 * Vec3::new(r, g, 1.0 - 0.5 * (r + g)))
     }
 
+    /// Fresh points with the error of what the file shows there; those inside other geometry are left out.
+    pub fn errors(&self, count: usize, clock: &mut Clock<'_>) -> Vec<(Vec3, f32)> {
+        let mesh = &self.surface.mesh;
+        clock.stage("light");
+        let (points, keys) = lightkiln_sample::fresh_points(mesh, count, PICTURE_SEED);
+        let mut light = Estimates::new(points.len(), self.signal.channels());
+        let batches = self.rays.div_ceil(self.signal.rays_per_batch()).max(1) as u16;
+        let wanted = vec![batches; points.len()];
+        shade::refine(&mut light, self.signal.as_ref(), &points, &keys, &wanted, clock);
+        let traced = self.layers.light(&light);
+        let (Some(file), Some(views)) = (self.light, &self.views) else { return Vec::new() };
+        let mut shown = vec![0.0; self.layers.channels()];
+        let seen = (0..points.len()).filter(|&i| light.valid(i));
+        seen.map(|i| {
+            file.show(views, points[i], &mut shown);
+            (mesh.position(points[i]), self.layers.worst(&shown, traced.value(i), traced.sigma(i)).0)
+        })
+        .collect()
+    }
+
     fn point_samples(&self) -> Vec<f32> {
         let mesh = &self.surface.mesh;
         let vertices = (0..mesh.vertex_count() as u32).map(lightkiln_mesh::VertexId);
@@ -275,7 +345,11 @@ impl Studio<'_> {
         self.layers.light(&light).values
     }
 
-    fn least_squares(&self, radius: f32, clock: &mut Clock<'_>) -> Result<Vec<f32>, Failure> {
+    /// Values of the light vertices alone, in unit values, from samples of that radius.
+    ///
+    /// # Errors
+    /// When they cannot be fitted.
+    pub fn least_squares(&self, radius: f32, clock: &mut Clock<'_>) -> Result<Vec<f32>, Failure> {
         let samples = poisson_disk(&self.surface.mesh, &SampleOptions { radius, seed: PICTURE_SEED })
             .map_err(BakeError::from)?;
         Ok(shade::light_and_fit(self.surface, self.signal.as_ref(), &self.layers, samples, 8, clock)?)
