@@ -88,7 +88,10 @@ impl BakeError {
                 Some("name another scene with --scene, or check that its nodes draw triangles".into())
             }
             Self::NotBaked { .. } => Some("bake it first: lightkiln bake IN.glb -o OUT.glb".into()),
-            Self::NoSignal { .. } => Some("choose another --signal".into()),
+            Self::NoSignal { .. } => Some(
+                "choose another --signal; what --replace took out of a file cannot be verified against it"
+                    .into(),
+            ),
             Self::Sample(_) => Some("ask for a larger --detail or fewer --samples".into()),
             Self::Chart(_) | Self::Pack(_) | Self::Encode(_) => {
                 Some("ask for a larger --detail or a larger --max-error".into())

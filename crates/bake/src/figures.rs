@@ -45,7 +45,10 @@ pub struct Everything<'a> {
 /// Puts a report together.
 pub fn report(all: Everything<'_>) -> Report {
     let bytes = bytes(&all);
-    let (plan, (errors, verify_rays)) = (all.plan, all.errors.clone());
+    let (plan, (mut errors, mut verify_rays)) = (all.plan, all.errors.clone());
+    if !plan.signals.is_traced() {
+        (errors.rays_per_point, verify_rays) = (0, 0);
+    }
     Report {
         version: SCHEMA_VERSION,
         generator: concat!("lightkiln ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -116,7 +119,7 @@ fn classes(all: &Everything<'_>) -> Classes {
 }
 
 fn ray_figures(all: &Everything<'_>, verify_rays: u64) -> RayFigures {
-    let lit = all.lit;
+    let (lit, traced) = (all.lit, all.plan.signals.is_traced());
     let support_samples = lit.samples.support.iter().filter(|s| **s).count();
     let count = lit.samples.points.len();
     let mut noise: Vec<f32> = (0..count).filter(|&i| lit.weights[i] > 0.0).map(|i| lit.noise(i)).collect();
@@ -131,8 +134,8 @@ fn ray_figures(all: &Everything<'_>, verify_rays: u64) -> RayFigures {
             .filter(|(w, a)| **w == 0.0 && **a > 0.0)
             .count(),
         shaded_texels: all.shown.shaded_texels,
-        sample_rays: lit.estimates.rays(),
-        texel_rays: all.shown.texel_rays,
+        sample_rays: if traced { lit.estimates.rays() } else { 0 },
+        texel_rays: if traced { all.shown.texel_rays } else { 0 },
         verify_rays,
         sample_noise_median: quantile(&noise, 0.5),
         sample_noise_p99: quantile(&noise, 0.99),

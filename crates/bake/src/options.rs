@@ -120,8 +120,10 @@ pub struct BakeOptions {
     pub fallback: Fallback,
     /// Which scene of the file; its default scene if none.
     pub scene: Option<usize>,
-    /// Also write the atlas as OpenEXR beside the output.
+    /// Also write the atlas as OpenEXR beside the output, in the unit of the light.
     pub exr: bool,
+    /// Also write the atlas of each layer as KTX2 beside the output, in the unit of the light.
+    pub ktx2: bool,
 }
 
 /// The default ambient-occlusion distance as a share of the diagonal of the scene's bounding box.
@@ -144,6 +146,7 @@ impl Default for BakeOptions {
             fallback: Fallback::Color0,
             scene: None,
             exr: false,
+            ktx2: false,
         }
     }
 }

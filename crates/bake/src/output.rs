@@ -4,9 +4,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use lightkiln_encode::{AtlasView, Codes, Table};
+use lightkiln_light::Domain;
 use lightkiln_mesh::{SurfacePoint, TriangleId};
 use lightkiln_scene::{BakedLight, ExtensionInfo, LayerFiles, PartLight};
-use lightkiln_texel::{ExrDepth, PngDepth, write_exr, write_png};
+use lightkiln_texel::image::intensity;
+use lightkiln_texel::image_exr::LARGEST_HALF;
+use lightkiln_texel::{ExrDepth, ExrLayer, Ktx2Format, PngDepth, write_exr_layers, write_ktx2, write_png};
 use rayon::prelude::*;
 
 use crate::clock::Clock;
@@ -81,6 +84,9 @@ pub fn write(
     if options.exr && has_atlas {
         outputs.extend(write_exrs(layers, shown, output)?);
     }
+    if options.ktx2 && has_atlas {
+        outputs.extend(write_ktx2s(layers, shown, output)?);
+    }
     Ok(Written { scene: output.to_owned(), outputs, scene_number: options.scene, file })
 }
 
@@ -136,30 +142,71 @@ fn table(table: &Table) -> Result<Vec<u8>, BakeError> {
     Ok(bytes)
 }
 
-/// The pages of the atlas as `<stem>.lightkiln.<page>.exr` beside the output, unquantized, in the unit of the light;
-/// layers after the first have their number behind the page's.
+/// A page of one layer in the unit of its light, with 1 or 3 numbers a texel.
+fn in_own_unit(layers: &Layers, layer: &BakedLayer, page: &[f32]) -> Vec<f32> {
+    let channels = layer.channels();
+    let stored = if channels.len() == 1 { 1 } else { 3 };
+    let texel = |texel: &[f32]| -> Vec<f32> {
+        let own = channels.clone().map(|channel| layers.from_unit(channel, texel[channel]));
+        own.chain(std::iter::repeat_n(0.0, stored - channels.len())).collect()
+    };
+    page.chunks_exact(layers.channels()).flat_map(texel).collect()
+}
+
+/// The pages of the atlas as `<stem>.lightkiln.<page>.exr` beside the output: all layers, unquantized, in the unit of
+/// their light.
 fn write_exrs(layers: &Layers, shown: &Shown, output: &Path) -> Result<Vec<PathBuf>, BakeError> {
     let stem = output.file_stem().unwrap_or_default().to_string_lossy();
     let mut outputs = Vec::new();
+    for (number, page) in shown.atlas.pages.iter().enumerate() {
+        let values: Vec<Vec<f32>> = layers.layers.iter().map(|l| in_own_unit(layers, l, page)).collect();
+        let fits = values.iter().flatten().all(|v| v.abs() <= LARGEST_HALF);
+        let alone = layers.layers.len() == 1;
+        let parts: Vec<ExrLayer<'_>> = layers
+            .layers
+            .iter()
+            .zip(&values)
+            .map(|(layer, values)| ExrLayer {
+                name: if alone { "" } else { &layer.layer.name },
+                channels: if layer.layer.channels == 1 { 1 } else { 3 },
+                values,
+            })
+            .collect();
+        let depth = if fits { ExrDepth::Half } else { ExrDepth::Single };
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        write_exr_layers(&mut bytes, shown.atlas.size, depth, &parts)?;
+        let path = output.with_file_name(format!("{stem}.lightkiln.{number}.exr"));
+        write_whole(&path, bytes.get_ref())
+            .map_err(|source| BakeError::Write { path: path.clone(), source })?;
+        outputs.push(path);
+    }
+    Ok(outputs)
+}
+
+/// The atlas of each layer as `<stem>.lightkiln.ktx2`, `<stem>.lightkiln_1.ktx2` and so on beside the output, a texture
+/// array where there are several pages: shared exponents for light, halves for the rest. What exceeds the format is
+/// divided by a power of two, which the name tells: `<stem>.lightkiln.x4.ktx2`.
+fn write_ktx2s(layers: &Layers, shown: &Shown, output: &Path) -> Result<Vec<PathBuf>, BakeError> {
+    let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+    let mut outputs = Vec::new();
     for (number, layer) in layers.layers.iter().enumerate() {
-        let channels = layer.channels();
-        let numbers = if channels.len() == 1 { 1 } else { 3 };
-        for (page, texels) in shown.atlas.pages.iter().enumerate() {
-            let value = |texel: &[f32], c: usize| {
-                channels.clone().nth(c).map_or(0.0, |channel| layers.from_unit(channel, texel[channel]))
-            };
-            let own: Vec<f32> = texels
-                .chunks_exact(layers.channels())
-                .flat_map(|texel| (0..numbers).map(move |c| value(texel, c)))
-                .collect();
-            let suffix = if number == 0 { String::new() } else { format!(".{number}") };
-            let path = output.with_file_name(format!("{stem}.lightkiln.{page}{suffix}.exr"));
-            let mut bytes = std::io::Cursor::new(Vec::new());
-            write_exr(&mut bytes, shown.atlas.size, numbers, ExrDepth::Half, &own)?;
-            write_whole(&path, bytes.get_ref())
-                .map_err(|source| BakeError::Write { path: path.clone(), source })?;
-            outputs.push(path);
-        }
+        let mut pages: Vec<Vec<f32>> =
+            shown.atlas.pages.iter().map(|page| in_own_unit(layers, layer, page)).collect();
+        let (format, channels) = match layer.layer.domain {
+            _ if layer.layer.channels == 1 => (Ktx2Format::R16f, 1),
+            Domain::Hdr => (Ktx2Format::Rgb9e5, 3),
+            _ => (Ktx2Format::Rgba16f, 3),
+        };
+        let divisor = pages.iter().map(|page| intensity(page, format.range()[1])).fold(1.0, f32::max);
+        pages.iter_mut().flatten().for_each(|v| *v = (*v / divisor).max(format.range()[0]));
+        let of_layer = if number == 0 { String::new() } else { format!("_{number}") };
+        let divided = if divisor > 1.0 { format!(".x{divisor}") } else { String::new() };
+        let path = output.with_file_name(format!("{stem}.lightkiln{of_layer}{divided}.ktx2"));
+        let slices: Vec<&[f32]> = pages.iter().map(Vec::as_slice).collect();
+        let mut bytes = Vec::new();
+        write_ktx2(&mut bytes, shown.atlas.size, channels, format, &slices)?;
+        write_whole(&path, &bytes).map_err(|source| BakeError::Write { path: path.clone(), source })?;
+        outputs.push(path);
     }
     Ok(outputs)
 }

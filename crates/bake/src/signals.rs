@@ -8,7 +8,7 @@ use std::str::FromStr;
 use glam::Vec3;
 use lightkiln_light::{
     AmbientOcclusion, BentNormal, Combined, Disk, Layer, Lighting, Output, PathOptions, PathTraced, Shadow,
-    Signal, Tracer,
+    Shadows, Signal, Tracer,
 };
 use lightkiln_mesh::SurfacePoint;
 use lightkiln_scene::{Slot, Textures};
@@ -313,7 +313,7 @@ impl SignalChoice {
                         what: "light that casts a shadow: give it a --sun".into(),
                     });
                 }
-                Err(BakeError::NoSignal { what: "shadows".into() })
+                Ok(Box::new(Shadows::new(stage.tracer, mesh, &stage.lighting.lights, stage.seed)?))
             }
             Self::Direct | Self::Indirect | Self::Irradiance | Self::Harmonics(_) => {
                 stage.paths(std::slice::from_ref(self))

@@ -126,6 +126,10 @@ pub struct BakeSettings {
     #[arg(long)]
     #[serde(default)]
     pub exr: bool,
+    /// Also write the atlas as KTX2 beside the output: shared exponents (RGB9E5) for light, halves for the rest
+    #[arg(long)]
+    #[serde(default)]
+    pub ktx2: bool,
     /// Store vertex colors as entries of a table, not packed into the attribute
     #[arg(long)]
     #[serde(default)]
@@ -259,6 +263,7 @@ impl BakeSettings {
             scene: self.scene.or(file.scene),
             max_bytes: self.max_bytes.or(file.max_bytes),
             exr: self.exr || file.exr,
+            ktx2: self.ktx2 || file.ktx2,
             table: self.table || file.table,
             replace: self.replace || file.replace,
             signal: self.signal.or(file.signal),
@@ -287,6 +292,7 @@ impl BakeSettings {
             },
             scene: self.scene,
             exr: self.exr,
+            ktx2: self.ktx2,
         }
     }
 }

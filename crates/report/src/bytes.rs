@@ -118,7 +118,13 @@ mod tests {
 
     #[test]
     fn light_bytes_total_is_the_sum() {
-        let light = LightBytes { attribute: 4, added_vertices: 36, atlas: 48, mips: LightBytes::mips_of(48), tables: 0 };
+        let light = LightBytes {
+            attribute: 4,
+            added_vertices: 36,
+            atlas: 48,
+            mips: LightBytes::mips_of(48),
+            tables: 0,
+        };
         assert_eq!(light.total(), 4 + 36 + 48 + 16);
     }
 }

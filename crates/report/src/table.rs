@@ -121,6 +121,9 @@ fn rays(out: &mut String, report: &Report) {
             rays.sample_noise_p99,
         ),
     );
+    if rays.sample_rays == 0 {
+        return;
+    }
     line(
         out,
         "rays",
@@ -145,12 +148,14 @@ fn errors(out: &mut String, errors: &Errors) {
     line(
         out,
         "errors",
-        &format!(
-            "at {} fresh points against {} rays each (noise {:.4}):",
-            count(errors.hybrid.points as u64),
-            errors.rays_per_point,
-            errors.hybrid.noise
-        ),
+        &match errors.rays_per_point {
+            0 => format!("at {} fresh points against the image:", count(errors.hybrid.points as u64)),
+            rays => format!(
+                "at {} fresh points against {rays} rays each (noise {:.4}):",
+                count(errors.hybrid.points as u64),
+                errors.hybrid.noise
+            ),
+        },
     );
     let _ = writeln!(out, "{:<27}{:>9}{:>9}{:>9}{:>9}{:>9}", "", "RMSE", "median", "99 %", "99.9 %", "max");
     error_row(out, "point sampling at vertices", errors.point_sampling.as_ref());
@@ -158,6 +163,11 @@ fn errors(out: &mut String, errors: &Errors) {
     error_row(out, "hybrid, as the file shows", Some(&errors.hybrid));
     error_row(out, "  in color triangles", Some(&errors.color));
     error_row(out, "  in texture triangles", Some(&errors.texture));
+    if errors.layers.len() > 1 {
+        for layer in &errors.layers {
+            error_row(out, &format!("  {}", layer.signal), Some(&layer.hybrid));
+        }
+    }
     line(out, "bound", &bound_text(&errors.bound));
     if !errors.coarse.is_empty() {
         let nodes: Vec<String> =
