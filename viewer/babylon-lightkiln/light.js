@@ -15,13 +15,15 @@ export class Light {
   #view = null
 
   constructor({ layers, pageSize }, scene, options = {}) {
+    // Harmonics are not shown yet.
+    const known = (role) => (role === undefined || role === 'harmonics' ? 'none' : role)
     const role = options.role ?? ((layer) => defaultRole(layer, layers))
     this.scene = scene
     this.pageSize = pageSize
     // Which textures there will be is known before they are, and the shaders depend on that alone.
     this.layers = layers.map((layer) => ({
       ...layer,
-      role: role(layer, layers) ?? 'none',
+      role: known(role(layer, layers)),
       atlas: layer.pages.length > 0 ? undefined : null,
       palette: layer.table === null ? null : undefined,
     }))

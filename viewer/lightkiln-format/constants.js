@@ -25,3 +25,10 @@ export const ETA_EPSILON = 1 / 65536
 export const CURVE_KNEE = 15
 /** The base of the logarithmic curve. */
 export const CURVE_BASE = 16
+
+/** Factors of the real spherical harmonics of the layers `irradianceSh0` to `8`. */
+export const SH_CONSTANT = 0.28209479177387814
+export const SH_LINEAR = 0.4886025119029199
+export const SH_PRODUCT = 1.0925484305920792
+export const SH_AXIS = 0.31539156525252005
+export const SH_DIFFERENCE = 0.5462742152960396

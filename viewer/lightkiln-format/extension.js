@@ -80,7 +80,8 @@ export function defaultRole({ signal }, layers) {
   const has = (name) => layers.some((layer) => layer.signal === name)
   if (signal === 'ambientOcclusion') return 'occlusion'
   if (signal === 'irradiance') return 'irradiance'
+  if (/^irradianceSh[0-8]$/.test(signal)) return has('irradiance') ? 'none' : 'harmonics'
   // Both together are `irradiance`, and a file may hold all three.
-  if (signal === 'direct' || signal === 'indirect') return has('irradiance') ? 'none' : 'irradiance'
+  if (signal === 'direct' || signal === 'indirect') return has('irradiance') || has('irradianceSh0') ? 'none' : 'irradiance'
   return 'none'
 }

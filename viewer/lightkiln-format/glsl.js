@@ -5,7 +5,8 @@
 // layer has no pages or no table.
 
 import {
-  COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, RGB_SHIFTS, RGB_STEPS, SUBTEXELS, TABLE_WIDTH,
+  COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, RGB_SHIFTS, RGB_STEPS, SH_AXIS, SH_CONSTANT, SH_DIFFERENCE,
+  SH_LINEAR, SH_PRODUCT, SUBTEXELS, TABLE_WIDTH,
 } from './constants.js'
 
 const float = (x) => (Number.isInteger(x) ? `${x}.0` : `${x}`)
@@ -120,4 +121,25 @@ export function fragmentMain(layers) {
   vec3 lightkilnIrradiance = vec3(0.0);
 ${values.join('')}
 ${sums.join('\n')}`
+}
+
+/** The basis of `irradianceSh0` to `8` at the normal `n`. */
+const HARMONICS = [
+  `${SH_CONSTANT}`,
+  `${SH_LINEAR} * n.y`, `${SH_LINEAR} * n.z`, `${SH_LINEAR} * n.x`,
+  `${SH_PRODUCT} * n.x * n.y`, `${SH_PRODUCT} * n.y * n.z`, `${SH_AXIS} * (3.0 * n.z * n.z - 1.0)`, `${SH_PRODUCT} * n.x * n.z`,
+  `${SH_DIFFERENCE} * (n.x * n.x - n.y * n.y)`,
+]
+
+/** Which coefficient a layer is, or null. */
+export function harmonic({ signal }) {
+  const number = /^irradianceSh([0-8])$/.exec(signal)?.[1]
+  return number === undefined ? null : Number(number)
+}
+
+/** The irradiance that arrives at the unit normal `n`, in the file's world; for a place where `lightkiln<k>` are known. */
+export function harmonicIrradiance(layers) {
+  const terms = layers.filter(({ role }) => role === 'harmonics')
+    .map((layer) => `lightkiln${layer.index} * (${HARMONICS[harmonic(layer)]})`)
+  return `max(${terms.join(' + ')}, 0.0) * lightkilnIrradianceIntensity`
 }

@@ -14,10 +14,10 @@ export const CURVE_BASE: number
 /** How the color of a color-vertex is stored. */
 export type Form = 'scalar' | 'rgb' | 'table'
 /**
- * What a layer does in a picture: dims indirect light, adds indirect light, dims direct light, is only evaluated (for
+ * What a layer does in a picture: dims indirect light, adds indirect light (by itself, or as a coefficient), dims direct light, is only evaluated (for
  * views and shaders of your own), or is not even loaded.
  */
-export type Role = 'occlusion' | 'irradiance' | 'shadow' | 'value' | 'none'
+export type Role = 'occlusion' | 'irradiance' | 'harmonics' | 'shadow' | 'value' | 'none'
 /** What a vertex stores: two integers of 16 bits. */
 export type Code = ArrayLike<number>
 
@@ -141,3 +141,6 @@ export function vertexDeclarations(layers: UsedLayer[]): string
 export function vertexMain(layers: UsedLayer[]): string
 export function fragmentDeclarations(layers: UsedLayer[]): string
 export function fragmentMain(layers: UsedLayer[]): string
+/** Which coefficient of the harmonics a layer is, or null. */
+export function harmonic(layer: { signal: string }): number | null
+export function harmonicIrradiance(layers: UsedLayer[]): string

@@ -16,7 +16,7 @@ const place = (u, v) => [u * 8, v * 8]
 test('constants are those of crates/encode', () => {
   const source = readFileSync(new URL('../../crates/encode/src/constants.rs', import.meta.url), 'utf8')
   const names = ['COLOR_FLAG', 'COLOR_STEPS', 'RGB_STEPS', 'RGB_SHIFTS', 'LOW_BITS', 'TABLE_WIDTH', 'ETA_EPSILON', 'CURVE_KNEE',
-    'CURVE_BASE']
+    'CURVE_BASE', 'SH_CONSTANT', 'SH_LINEAR', 'SH_PRODUCT', 'SH_AXIS', 'SH_DIFFERENCE']
   for (const name of names) {
     const [, text] = source.match(new RegExp(`pub const ${name}: [^=]+= ([^;]+);`)) ?? []
     assert.ok(text, `${name} is missing`)

@@ -160,6 +160,28 @@ test('irradiance is not dimmed by the occlusion beside it', async () => {
   quiet()
 })
 
+test('harmonics are irradiance for the normal of the pixel, also when the model is turned', async () => {
+  const coefficients = [[2, 3, 1], [0.5, 0.2, 0.1], [0.9, 0.4, 0.6], [0.3, 0.7, 0.2], [0.1, 0.2, 0.3], [0.4, 0, 0.1], [0.3, 0.6, 0.2],
+    [0.2, 0.1, 0.5], [0.6, 0.3, 0.1]]
+  const layer = (c, k) => ({ signal: `irradianceSh${k}`, channels: 3, range: [0, 4], codes: four(rgbCode(c.map((x) => x / 4))) })
+  for (const count of [1, 4, 9]) {
+    const layers = coefficients.slice(0, count).map(layer)
+    const c = await Promise.all(layers.map(stored))
+    // At the normal (0, 0, 1).
+    const basis = [0.28209479177387814, 0, 0.4886025119029199, 0, 0, 0, 2 * 0.31539156525252005, 0, 0]
+    const e = [0, 1, 2].map((k) => c.reduce((sum, rgb, i) => sum + rgb[k] * basis[i], 0))
+    for (const turn of ['', 'gltf.scene.rotation.set(0.4, 0.5, 2); gltf.scene.scale.setScalar(3)']) {
+      await load(square({ layers, material: MATERIALS.MeshStandardMaterial }))
+      await change(turn)
+      const ours = await middle()
+      await load(square({ layers: [irradiance([1, 1, 1])], material: MATERIALS.MeshStandardMaterial, fallback: false }), { plugin: false })
+      await change(turn + constantMap('lightMap', e))
+      near(ours, await middle(), 1e-4)
+    }
+  }
+  quiet()
+})
+
 test('direct and indirect add up, unless their sum is there', async () => {
   const [a, b] = [irradiance([1, 2, 3]), irradiance([2, 1, 0.5])]
   const material = MATERIALS.MeshBasicMaterial

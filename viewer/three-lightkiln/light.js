@@ -1,8 +1,8 @@
 // The light of one file: its textures and uniforms, and the materials that show it.
 
 import {
-  ClampToEdgeWrapping, DataArrayTexture, DataTexture, HalfFloatType, LinearFilter, NearestFilter, NoColorSpace,
-  RedFormat, RGBAFormat, UnsignedByteType, Vector3,
+  ClampToEdgeWrapping, DataArrayTexture, DataTexture, HalfFloatType, LinearFilter, Matrix3, NearestFilter,
+  NoColorSpace, RedFormat, RGBAFormat, UnsignedByteType, Vector3,
 } from 'three'
 import { attributeName, defaultRole, pack, shaderKey } from 'lightkiln-format'
 import { shaderStages } from './shader.js'
@@ -11,6 +11,7 @@ import { shaderStages } from './shader.js'
 export class Light {
   #materials = new Map() // each material with light, and what it was before
   #view = null
+  #root = null
 
   /** `readTexture`: number of a glTF texture to its image. */
   static async load({ layers, pageSize }, readTexture, options = {}) {
@@ -34,6 +35,7 @@ export class Light {
       lightkilnOcclusionIntensity: { value: options.occlusionIntensity ?? 1 },
       lightkilnIrradianceIntensity: { value: options.irradianceIntensity ?? 1 },
       lightkilnShadowIntensity: { value: options.shadowIntensity ?? 1 },
+      lightkilnFromWorld: { value: new Matrix3() },
     }
     for (const { index, scale, atlas, palette } of layers) {
       this.uniforms[`lightkilnScale${index}`] = { value: new Vector3(scale.low, scale.extent, scale.white) }
@@ -62,6 +64,7 @@ export class Light {
   /** Applies the light to all meshes below `roots` that have it. Meshes without keep their materials as they are. */
   applyTo(roots, associations) {
     const meshes = []
+    this.#root ??= roots[0]
     for (const root of roots) root.traverse((object) => object.isMesh && meshes.push(object))
     const dark = new Set(meshes.filter((mesh) => this.#layersOf(mesh).length === 0).flatMap((mesh) => mesh.material))
     const copies = new Map()
@@ -117,8 +120,19 @@ export class Light {
       const theirs = hasKey ? customProgramCacheKey.call(material) : onBeforeCompile.toString()
       return `${theirs}|${shaderKey(layers, view())}`
     }
+    if (layers.some(({ role }) => role === 'harmonics')) this.#turn(material)
     material.needsUpdate = true
     this.#materials.set(material, material.onBeforeCompile)
+  }
+
+  /** Harmonics are in the world of the file, which you may have turned in yours. */
+  #turn(material) {
+    const { onBeforeRender } = material
+    const fromWorld = this.uniforms.lightkilnFromWorld.value
+    material.onBeforeRender = (...drawn) => {
+      onBeforeRender.apply(material, drawn)
+      if (this.#root !== null) fromWorld.setFromMatrix4(this.#root.matrixWorld).transpose()
+    }
   }
 }
 

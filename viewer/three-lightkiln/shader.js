@@ -7,17 +7,19 @@
 //   live indirect light   * occlusion       as three does it with an aoMap
 //                         + irradiance      as three does it with a lightMap; not dimmed by our own occlusion, for
 //                                           baked irradiance is occluded already
+//                                           (harmonics: for the normal of the pixel)
 //                         * aoMap           the material's own, in three's chunk behind ours
 
-import { fragmentDeclarations, fragmentMain, vertexDeclarations, vertexMain } from 'lightkiln-format'
+import { fragmentDeclarations, fragmentMain, harmonicIrradiance, vertexDeclarations, vertexMain } from 'lightkiln-format'
 
 /** Adds the light to the two stages of a material of three. */
 export function shaderStages(shader, layers, view) {
   shader.vertexShader = beginMain(shader.vertexShader, vertexDeclarations(layers), vertexMain(layers))
-  let fragment = beginMain(shader.fragmentShader, fragmentDeclarations(layers), fragmentMain(layers))
+  const declarations = `${fragmentDeclarations(layers)}\nuniform mat3 lightkilnFromWorld;`
+  let fragment = beginMain(shader.fragmentShader, declarations, fragmentMain(layers))
   const uses = (role) => layers.some((layer) => layer.role === role)
   if (fragment.includes('#include <lights_fragment_end>')) {
-    fragment = after(fragment, '#include <lights_fragment_end>', lighting(uses))
+    fragment = after(fragment, '#include <lights_fragment_end>', lighting(uses, layers))
   } else {
     fragment = before(fragment, '#include <aomap_fragment>', basicLighting(uses))
   }
@@ -44,7 +46,7 @@ function before(source, include, statements) {
 }
 
 /** Behind three's sum of lights, in materials that are lit. */
-function lighting(uses) {
+function lighting(uses, layers) {
   const dim = (factor, [diffuse, specular, clearcoat, sheen], specularFactor) => `
   ${diffuse} *= ${factor};
   #ifdef USE_CLEARCOAT
@@ -64,12 +66,17 @@ function lighting(uses) {
     ${specular} *= computeSpecularOcclusion(
       saturate(dot(geometryNormal, geometryViewDir)), lightkilnOcclusion, material.roughness);
   #endif`)
+  const harmonics = uses('harmonics') ? `{
+    vec3 n = normalize(lightkilnFromWorld * (vec4(normal, 0.0) * viewMatrix).xyz);
+    lightkilnIrradiance += ${harmonicIrradiance(layers)};
+  }` : ''
   const irradiance = `
+  ${harmonics}
   #ifdef RE_IndirectDiffuse
     RE_IndirectDiffuse(lightkilnIrradiance, geometryPosition, geometryNormal, geometryViewDir,
       geometryClearcoatNormal, material, reflectedLight);
   #endif`
-  return [uses('shadow') ? shadow : '', uses('occlusion') ? occlusion : '', uses('irradiance') ? irradiance : ''].join('')
+  return [uses('shadow') ? shadow : '', uses('occlusion') ? occlusion : '', uses('irradiance') || uses('harmonics') ? irradiance : ''].join('')
 }
 
 /** Before the aoMap of materials that are not lit: as with a lightMap, irradiance takes the place of the constant 1. */
