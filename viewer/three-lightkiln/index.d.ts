@@ -1,5 +1,5 @@
 import type { Layer, Role } from 'lightkiln-format'
-import type { DataArrayTexture, DataTexture, IUniform, Mesh, Object3D } from 'three'
+import type { DataArrayTexture, DataTexture, IUniform, Material, Mesh, Object3D } from 'three'
 import type { GLTF, GLTFLoaderPlugin, GLTFParser } from 'three/addons/loaders/GLTFLoader.js'
 
 export type { Layer, Role }
@@ -16,6 +16,13 @@ export interface LightkilnOptions {
   irradianceIntensity?: number
   /** 0: none, 1: as baked. */
   shadowIntensity?: number
+  /** With WebGPURenderer: `lightkilnNodes` of `three-lightkiln/webgpu`. */
+  nodes?: NodeSupport
+}
+
+/** Makes node materials with light; opaque. */
+export interface NodeSupport {
+  material(material: Material, owner: Light, layers: Light['layers'], view: Light['layers'][number] | null): Material
 }
 
 /** The light of a file: `gltf.userData.lightkiln`, undefined for files without. */

@@ -12,6 +12,10 @@ export class Light {
   #materials = new Map() // each material with light, and what it was before
   #view = null
   #root = null
+  #nodes
+  #meshes = new Set() // those with node materials
+  #replaced = new Map()
+  #before = new WeakMap() // node material to the material that it replaced
 
   /** `readTexture`: number of a glTF texture to its image. */
   static async load({ layers, pageSize }, readTexture, options = {}) {
@@ -31,6 +35,7 @@ export class Light {
 
   constructor(layers, options = {}) {
     this.layers = layers
+    this.#nodes = options.nodes ?? null
     this.uniforms = {
       lightkilnOcclusionIntensity: { value: options.occlusionIntensity ?? 1 },
       lightkilnIrradianceIntensity: { value: options.irradianceIntensity ?? 1 },
@@ -59,6 +64,7 @@ export class Light {
     }
     this.#view = signal
     for (const material of this.#materials.keys()) material.needsUpdate = true
+    for (const mesh of this.#meshes) this.#applyNodes(mesh, this.#layersOf(mesh))
   }
 
   /** Applies the light to all meshes below `roots` that have it. Meshes without keep their materials as they are. */
@@ -90,7 +96,23 @@ export class Light {
   apply(mesh) {
     const layers = this.#layersOf(mesh)
     if (layers.length === 0) return
-    for (const material of [mesh.material].flat()) this.#compose(material, layers)
+    if (this.#nodes !== null) this.#applyNodes(mesh, layers)
+    else for (const material of [mesh.material].flat()) this.#compose(material, layers)
+  }
+
+  /** For WebGPURenderer, see webgpu.js: a node material in the place of each material. */
+  #applyNodes(mesh, layers) {
+    const view = layers.find((layer) => layer.signal === this.#view) ?? null
+    const replace = (material) => {
+      const before = this.#before.get(material) ?? material
+      const key = `${before.uuid} ${shaderKey(layers, view)}`
+      if (!this.#replaced.has(key)) this.#replaced.set(key, this.#nodes.material(before, this, layers, view))
+      const node = this.#replaced.get(key)
+      this.#before.set(node, before)
+      return node
+    }
+    mesh.material = Array.isArray(mesh.material) ? mesh.material.map(replace) : replace(mesh.material)
+    this.#meshes.add(mesh)
   }
 
   dispose() {

@@ -7,7 +7,12 @@ import { LightkilnPlugin } from 'three-lightkiln'
 import { MeshoptDecoder } from 'meshoptimizer'
 
 const SIZE = 256
-const renderer = new THREE.WebGLRenderer({ preserveDrawingBuffer: true })
+// The page with WebGPURenderer names it in its import map.
+const nodes = globalThis.withNodes ? (await import('three-lightkiln/webgpu')).lightkilnNodes : undefined
+const renderer = nodes
+  ? new THREE.WebGPURenderer({ forceWebGL: globalThis.withNodes === 'webgl' })
+  : new THREE.WebGLRenderer({ preserveDrawingBuffer: true })
+await renderer.init?.()
 renderer.setSize(SIZE, SIZE)
 renderer.setPixelRatio(1)
 document.body.append(renderer.domElement)
@@ -36,7 +41,7 @@ globalThis.tests = {
   async load(url, { roles, plugin = true, ...options } = {}) {
     const loader = new GLTFLoader().setDRACOLoader(draco).setMeshoptDecoder(MeshoptDecoder)
     const role = roles && (({ signal }) => roles[signal] ?? 'none')
-    if (plugin) loader.register((parser) => new LightkilnPlugin(parser, { ...options, role }))
+    if (plugin) loader.register((parser) => new LightkilnPlugin(parser, { ...options, role, nodes }))
     gltf = await loader.loadAsync(url)
     scene = new THREE.Scene()
     scene.add(gltf.scene)
@@ -69,6 +74,18 @@ globalThis.tests = {
     renderer.setRenderTarget(null)
     target.dispose()
     return base64(numbers)
+  },
+
+  /** As `pixels`, of WebGPURenderer. */
+  async pixelsOfNodes(camera) {
+    const target = new THREE.RenderTarget(SIZE, SIZE, { type: THREE.FloatType, format: THREE.RGBAFormat, samples: 0 })
+    renderer.setRenderTarget(target)
+    renderer.setClearColor(0x000000, 0)
+    renderer.render(scene, tests.camera(camera))
+    const numbers = await renderer.readRenderTargetPixelsAsync(target, 0, 0, SIZE, SIZE)
+    renderer.setRenderTarget(null)
+    target.dispose()
+    return { backend: renderer.backend.constructor.name, pixels: base64(Float32Array.from(numbers)) }
   },
 
   /** As `pixels`, through the canvas: 8 bits. */

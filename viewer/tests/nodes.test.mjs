@@ -1,0 +1,89 @@
+// three-lightkiln/webgpu: the same in TSL, in WebGPURenderer with its WebGL 2 backend (headless machines have no WebGPU).
+
+import assert from 'node:assert/strict'
+import { after, before, test } from 'node:test'
+import { VIEWS, bakedFiles, withAllForms } from './baked.mjs'
+import { floats, startBrowser } from './browser.mjs'
+import { rgbCode, scalarCode, square } from './layers.mjs'
+import { cameraFor, compare, visible } from './raster.mjs'
+import { readScene } from './scene.mjs'
+
+const STEP = 1 / 255
+const FRONT = { right: [1, 0, 0], up: [0, 1, 0], toward: [0, 0, 1], center: [0, 0, 0], half: 0.9, depth: 5 }
+
+let browser, page, complaints
+
+before(async () => {
+  browser = await startBrowser()
+  ;({ page, complaints } = await browser.open('/tests/pages/nodes.html?backend=webgl'))
+})
+after(() => browser.close())
+
+const load = (bytes, options = {}) => {
+  browser.files.set('file.glb', bytes)
+  return page.evaluate((options) => tests.load('/files/file.glb', options), options)
+}
+const change = (code) => page.evaluate((code) => tests.change(code), code)
+const pixels = async (camera = FRONT) => {
+  const shown = await page.evaluate((camera) => tests.pixelsOfNodes(camera), camera)
+  return floats(shown.pixels)
+}
+const middle = async () => [...(await pixels()).slice((128 * 256 + 128) * 4, (128 * 256 + 128) * 4 + 3)]
+const quiet = () => assert.deepEqual(complaints.splice(0), [])
+const near = (a, b, tolerance = 1e-4) =>
+  a.forEach((x, k) => assert.ok(Math.abs(x - b[k]) <= tolerance * Math.max(1, Math.abs(b[k])), `${a} are not ${b}`))
+
+for (const { name, bytes } of bakedFiles) {
+  test(`stored light of ${name} is what the decoder says`, async (t) => {
+    const file = await withAllForms(bytes)
+    const scene = await readScene(file)
+    const roles = Object.fromEntries(scene.layers.map(({ signal }) => [signal, 'value']))
+    assert.ok((await load(file, { roles })).lit)
+    let [worst, total] = [0, 0]
+    const camera = cameraFor(scene.triangles, VIEWS[0])
+    const clear = visible(scene.triangles, camera)
+    for (const layer of scene.layers) {
+      await page.evaluate((signal) => tests.view(signal), layer.signal)
+      const { largest, over, compared } = compare(clear, layer, await pixels(camera), STEP)
+      assert.ok(compared > 1000, `only ${compared} pixels to compare`)
+      assert.equal(over, 0, `${layer.signal}: ${over} of ${compared} pixels are off, by up to ${largest}`)
+      worst = Math.max(worst, largest)
+      total += compared
+    }
+    t.diagnostic(`${name}: ${total} pixels of ${scene.layers.length} layers, off by ${worst.toFixed(5)} at most`)
+    quiet()
+  })
+}
+
+const four = (code) => [code, code, code, code]
+const occlusion = (value) => ({ signal: 'ambientOcclusion', codes: four(scalarCode(value)) })
+const irradiance = (rgb) => ({ signal: 'irradiance', channels: 3, range: [0, 4], codes: four(rgbCode(rgb.map((x) => x / 4))) })
+const material = { pbrMetallicRoughness: { baseColorFactor: [0.8, 0.5, 0.3, 1], roughnessFactor: 0.4, metallicFactor: 0.1 } }
+const LIGHTS = `const sun = new THREE.DirectionalLight(0xffddaa, 2); sun.position.set(1, 2, 3)
+  scene.add(sun, new THREE.AmbientLight(0x88ccff, 0.7), new THREE.HemisphereLight(0xff0000, 0x00ff00, 0.5))`
+
+test('occlusion dims ambient light and not the sun', async () => {
+  const pictures = []
+  for (const [value, lights] of [[0.3, LIGHTS], [1, LIGHTS], [1, LIGHTS.replace('0.7', '0').replace('0.5)', '0)')]]) {
+    await load(square({ layers: [occlusion(value)], material }))
+    await change(lights)
+    pictures.push(await middle())
+  }
+  const [dim, open, sun] = pictures
+  near(dim, sun.map((x, k) => x + 0.3 * (open[k] - x)), 1e-3)
+  quiet()
+})
+
+test('irradiance adds to ambient light and is not dimmed by the occlusion beside it', async () => {
+  const e = [0.4, 1.5, 3]
+  const show = async (layers, code) => {
+    await load(square({ layers, material }))
+    await change(code)
+    return middle()
+  }
+  const alone = await show([irradiance(e)], '')
+  near(await show([occlusion(0.2), irradiance(e)], ''), alone, 1e-3)
+  const ambient = `scene.add(Object.assign(new THREE.AmbientLight(), { color: new THREE.Color(${e}) }))`
+  near(alone, await show([occlusion(1)], ambient), 3e-3)
+  quiet()
+})

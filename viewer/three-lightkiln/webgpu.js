@@ -1,0 +1,85 @@
+// The eta-blend in TSL, for WebGPURenderer (with WebGPU or WebGL 2): node materials in the place of patched ones.
+//
+//   loader.register((parser) => new LightkilnPlugin(parser, { nodes: lightkilnNodes }))
+
+import { IrradianceNode, MeshBasicNodeMaterial, MeshPhysicalNodeMaterial, MeshStandardNodeMaterial } from 'three/webgpu'
+import {
+  Fn, If, attribute, clamp, float, floor, int, ivec2, materialAO, mix, pow, reference, select, sign, texture,
+  textureLoad, uint, varying, vec2, vec3, vec4,
+} from 'three/tsl'
+import {
+  COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, RGB_SHIFTS, RGB_STEPS, SUBTEXELS, TABLE_WIDTH, attributeName,
+} from 'lightkiln-format'
+
+const CLASSES = {
+  MeshBasicMaterial: MeshBasicNodeMaterial,
+  MeshStandardMaterial: MeshStandardNodeMaterial,
+  MeshPhysicalMaterial: MeshPhysicalNodeMaterial,
+}
+
+/** A layer as a node: three numbers as stored in 0..1, gray for scalar layers. */
+export function storedLight(layer) {
+  const code = attribute(attributeName(layer), 'uvec2')
+  const isColor = code.y.greaterThanEqual(uint(COLOR_FLAG))
+  const place = varying(select(isColor, vec3(0), vec3(vec2(code).div(SUBTEXELS), 1)))
+  const color = varying(select(isColor, colorOf(layer, code), vec3(0)))
+  if (layer.atlas === null) return color
+  return Fn(() => {
+    const unit = color.toVar()
+    If(place.z.greaterThan(ETA_EPSILON), () => {
+      const { width, height, depth } = layer.atlas.image
+      const position = place.xy.div(place.z).toVar()
+      const page = clamp(floor(position.y.div(height)), 0, depth - 1).toVar()
+      const uv = vec2(position.x.div(width), position.y.sub(page.mul(height)).div(height))
+      // The level is given: the lookup stands inside of a branch, and coarser levels would mix charts.
+      const texel = texture(layer.atlas, uv).depth(int(page)).level(0)
+      unit.addAssign((layer.channels === 1 ? texel.rrr : texel.rgb).mul(place.z))
+    })
+    return unit
+  })()
+}
+
+function colorOf({ form, channels, palette }, code) {
+  if (form === 'scalar') return vec3(float(code.x).div(COLOR_STEPS))
+  const bits = code.y.sub(uint(COLOR_FLAG)).shiftLeft(uint(16)).bitOr(code.x)
+  if (form === 'rgb') {
+    return vec3(...RGB_SHIFTS.map((shift, c) =>
+      float(bits.shiftRight(uint(shift)).bitAnd(uint(RGB_STEPS[c]))).div(RGB_STEPS[c])))
+  }
+  const entry = textureLoad(palette, ivec2(int(bits.bitAnd(uint(TABLE_WIDTH - 1))), int(bits.div(uint(TABLE_WIDTH)))))
+  return channels === 1 ? entry.rrr : entry.rgb
+}
+
+/** A layer as a node, in the signal's unit. */
+export function light(layer) {
+  const { low, extent, white } = layer.scale
+  const p = storedLight(layer).mul(extent).add(low)
+  if (white <= 0) return p
+  return sign(p).mul(pow(vec3(CURVE_BASE), p.abs()).sub(1)).mul(white / CURVE_KNEE)
+}
+
+/** What the plugin calls: gives meshes with light a node material. */
+export const lightkilnNodes = {
+  material(material, owner, layers, view) {
+    const Class = CLASSES[material.type]
+    if (Class === undefined) return material
+    const copy = new Class()
+    const own = ['type', 'uuid', 'onBeforeCompile', 'customProgramCacheKey']
+    for (const key of Object.keys(material)) if (!own.includes(key)) copy[key] = material[key]
+    const sum = (role) => layers.filter((layer) => layer.role === role).map(light)
+    const occlusions = sum('occlusion')
+    const irradiances = sum('irradiance')
+    const occlusion = occlusions.reduce((product, node) =>
+      product.mul(mix(1, node.r, reference('occlusionIntensity', 'float', owner))), float(1))
+    if (occlusions.length > 0) copy.aoNode = material.aoMap ? materialAO.mul(occlusion) : occlusion
+    if (irradiances.length > 0) {
+      const irradiance = irradiances.reduce((total, node) => total.add(node), vec3(0))
+        .max(0).mul(reference('irradianceIntensity', 'float', owner))
+      // Deviation: three dims all indirect light by the occlusion; ours must not dim baked light, so it is undone here.
+      const undimmed = irradiance.div(occlusion.max(1e-3))
+      copy.setupLightMap = () => new IrradianceNode(undimmed)
+    }
+    if (view !== null) copy.fragmentNode = vec4(storedLight(view), 1)
+    return copy
+  },
+}
