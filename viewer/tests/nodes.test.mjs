@@ -1,4 +1,5 @@
-// three-lightkiln/webgpu: the same in TSL, in WebGPURenderer with its WebGL 2 backend (headless machines have no WebGPU).
+// three-lightkiln/webgpu: the same in TSL, in WebGPURenderer with both of its backends. WebGPU runs on SwiftShader as well;
+// where a browser has none, its tests are skipped.
 
 import assert from 'node:assert/strict'
 import { after, before, test } from 'node:test'
@@ -13,10 +14,8 @@ const FRONT = { right: [1, 0, 0], up: [0, 1, 0], toward: [0, 0, 1], center: [0, 
 
 let browser, page, complaints
 
-before(async () => {
-  browser = await startBrowser()
-  ;({ page, complaints } = await browser.open('/tests/pages/nodes.html?backend=webgl'))
-})
+const FLAGS = ['--enable-unsafe-webgpu', '--use-webgpu-adapter=swiftshader', '--enable-features=Vulkan', '--ignore-gpu-blocklist']
+before(async () => { browser = await startBrowser({ flags: FLAGS }) })
 after(() => browser.close())
 
 const load = (bytes, options = {}) => {
@@ -24,36 +23,11 @@ const load = (bytes, options = {}) => {
   return page.evaluate((options) => tests.load('/files/file.glb', options), options)
 }
 const change = (code) => page.evaluate((code) => tests.change(code), code)
-const pixels = async (camera = FRONT) => {
-  const shown = await page.evaluate((camera) => tests.pixelsOfNodes(camera), camera)
-  return floats(shown.pixels)
-}
+const pixels = async (camera = FRONT) => floats(await page.evaluate((camera) => tests.pixelsOfNodes(camera), camera))
 const middle = async () => [...(await pixels()).slice((128 * 256 + 128) * 4, (128 * 256 + 128) * 4 + 3)]
 const quiet = () => assert.deepEqual(complaints.splice(0), [])
 const near = (a, b, tolerance = 1e-4) =>
   a.forEach((x, k) => assert.ok(Math.abs(x - b[k]) <= tolerance * Math.max(1, Math.abs(b[k])), `${a} are not ${b}`))
-
-for (const { name, bytes } of bakedFiles) {
-  test(`stored light of ${name} is what the decoder says`, async (t) => {
-    const file = await withAllForms(bytes)
-    const scene = await readScene(file)
-    const roles = Object.fromEntries(scene.layers.map(({ signal }) => [signal, 'value']))
-    assert.ok((await load(file, { roles })).lit)
-    let [worst, total] = [0, 0]
-    const camera = cameraFor(scene.triangles, VIEWS[0])
-    const clear = visible(scene.triangles, camera)
-    for (const layer of scene.layers) {
-      await page.evaluate((signal) => tests.view(signal), layer.signal)
-      const { largest, over, compared } = compare(clear, layer, await pixels(camera), STEP)
-      assert.ok(compared > 1000, `only ${compared} pixels to compare`)
-      assert.equal(over, 0, `${layer.signal}: ${over} of ${compared} pixels are off, by up to ${largest}`)
-      worst = Math.max(worst, largest)
-      total += compared
-    }
-    t.diagnostic(`${name}: ${total} pixels of ${scene.layers.length} layers, off by ${worst.toFixed(5)} at most`)
-    quiet()
-  })
-}
 
 const four = (code) => [code, code, code, code]
 const occlusion = (value) => ({ signal: 'ambientOcclusion', codes: four(scalarCode(value)) })
@@ -62,28 +36,75 @@ const material = { pbrMetallicRoughness: { baseColorFactor: [0.8, 0.5, 0.3, 1], 
 const LIGHTS = `const sun = new THREE.DirectionalLight(0xffddaa, 2); sun.position.set(1, 2, 3)
   scene.add(sun, new THREE.AmbientLight(0x88ccff, 0.7), new THREE.HemisphereLight(0xff0000, 0x00ff00, 0.5))`
 
-test('occlusion dims ambient light and not the sun', async () => {
-  const pictures = []
-  for (const [value, lights] of [[0.3, LIGHTS], [1, LIGHTS], [1, LIGHTS.replace('0.7', '0').replace('0.5)', '0)')]]) {
-    await load(square({ layers: [occlusion(value)], material }))
-    await change(lights)
-    pictures.push(await middle())
+for (const [backend, className] of [['webgl', 'WebGLBackend'], ['webgpu', 'WebGPUBackend']]) {
+  /** Whether the backend is there; opens its page once. */
+  const opened = new Map()
+  const isThere = async (t) => {
+    if (!opened.has(backend)) opened.set(backend, await browser.open(`/tests/pages/nodes.html?backend=${backend}`))
+    ;({ page, complaints } = opened.get(backend))
+    const there = (await page.evaluate(() => tests.backend())) === className
+    if (!there) t.skip(`no ${backend}`)
+    return there
   }
-  const [dim, open, sun] = pictures
-  near(dim, sun.map((x, k) => x + 0.3 * (open[k] - x)), 1e-3)
-  quiet()
-})
 
-test('irradiance adds to ambient light and is not dimmed by the occlusion beside it', async () => {
-  const e = [0.4, 1.5, 3]
-  const show = async (layers, code) => {
-    await load(square({ layers, material }))
-    await change(code)
-    return middle()
+  for (const { name, bytes } of bakedFiles) {
+    test(`${backend}: stored light of ${name} is what the decoder says`, async (t) => {
+      if (!(await isThere(t))) return
+      const file = await withAllForms(bytes)
+      const scene = await readScene(file)
+      const roles = Object.fromEntries(scene.layers.map(({ signal }) => [signal, 'value']))
+      assert.ok((await load(file, { roles })).lit)
+      let [worst, total] = [0, 0]
+      const camera = cameraFor(scene.triangles, VIEWS[0])
+      const clear = visible(scene.triangles, camera)
+      for (const layer of scene.layers) {
+        await page.evaluate((signal) => tests.view(signal), layer.signal)
+        const { largest, over, compared } = compare(clear, layer, await pixels(camera), STEP)
+        assert.ok(compared > 1000, `only ${compared} pixels to compare`)
+        assert.equal(over, 0, `${layer.signal}: ${over} of ${compared} pixels are off, by up to ${largest}`)
+        worst = Math.max(worst, largest)
+        total += compared
+      }
+      t.diagnostic(`${name}: ${total} pixels of ${scene.layers.length} layers, off by ${worst.toFixed(5)} at most`)
+      quiet()
+    })
   }
-  const alone = await show([irradiance(e)], '')
-  near(await show([occlusion(0.2), irradiance(e)], ''), alone, 1e-3)
-  const ambient = `scene.add(Object.assign(new THREE.AmbientLight(), { color: new THREE.Color(${e}) }))`
-  near(alone, await show([occlusion(1)], ambient), 3e-3)
-  quiet()
-})
+
+  test(`${backend}: occlusion dims ambient light and not the sun`, async (t) => {
+    if (!(await isThere(t))) return
+    const pictures = []
+    for (const [value, lights] of [[0.3, LIGHTS], [1, LIGHTS], [1, LIGHTS.replace('0.7', '0').replace('0.5)', '0)')]]) {
+      await load(square({ layers: [occlusion(value)], material }))
+      await change(lights)
+      pictures.push(await middle())
+    }
+    const [dim, open, sun] = pictures
+    near(dim, sun.map((x, k) => x + 0.3 * (open[k] - x)), 1e-3)
+    quiet()
+  })
+
+  test(`${backend}: irradiance adds to ambient light and is not dimmed by the occlusion beside it`, async (t) => {
+    if (!(await isThere(t))) return
+    const e = [0.4, 1.5, 3]
+    const show = async (layers, code) => {
+      await load(square({ layers, material }))
+      await change(code)
+      return middle()
+    }
+    const alone = await show([irradiance(e)], '')
+    near(await show([occlusion(0.2), irradiance(e)], ''), alone, 1e-3)
+    const ambient = `scene.add(Object.assign(new THREE.AmbientLight(), { color: new THREE.Color(${e}) }))`
+    near(alone, await show([occlusion(1)], ambient), 3e-3)
+    quiet()
+  })
+
+  test(`${backend}: a material without lights shows its light`, async (t) => {
+    if (!(await isThere(t))) return
+    const unlit = { ...material, extensions: { KHR_materials_unlit: {} } }
+    await load(square({ layers: [occlusion(0.3)], material: unlit }))
+    near(await middle(), [0.24, 0.15, 0.09], 1e-3)
+    await load(square({ layers: [occlusion(0.3), irradiance([1, 2, 3])], material: unlit }))
+    near(await middle(), [0.8, 1, 0.9].map((x) => x / Math.PI), 3e-3)
+    quiet()
+  })
+}

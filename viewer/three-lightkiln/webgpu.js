@@ -2,7 +2,9 @@
 //
 //   loader.register((parser) => new LightkilnPlugin(parser, { nodes: lightkilnNodes }))
 
-import { IrradianceNode, MeshBasicNodeMaterial, MeshPhysicalNodeMaterial, MeshStandardNodeMaterial } from 'three/webgpu'
+import {
+  BasicLightMapNode, IrradianceNode, MeshBasicNodeMaterial, MeshPhysicalNodeMaterial, MeshStandardNodeMaterial,
+} from 'three/webgpu'
 import {
   Fn, If, attribute, clamp, float, floor, int, ivec2, materialAO, mix, pow, reference, select, sign, texture,
   textureLoad, uint, varying, vec2, vec3, vec4,
@@ -77,7 +79,8 @@ export const lightkilnNodes = {
         .max(0).mul(reference('irradianceIntensity', 'float', owner))
       // Deviation: three dims all indirect light by the occlusion; ours must not dim baked light, so it is undone here.
       const undimmed = irradiance.div(occlusion.max(1e-3))
-      copy.setupLightMap = () => new IrradianceNode(undimmed)
+      const LightMapNode = Class === MeshBasicNodeMaterial ? BasicLightMapNode : IrradianceNode
+      copy.setupLightMap = () => new LightMapNode(undimmed)
     }
     if (view !== null) copy.fragmentNode = vec4(storedLight(view), 1)
     return copy

@@ -76,6 +76,8 @@ globalThis.tests = {
     return base64(numbers)
   },
 
+  backend: () => renderer.backend?.constructor.name,
+
   /** As `pixels`, of WebGPURenderer. */
   async pixelsOfNodes(camera) {
     const target = new THREE.RenderTarget(SIZE, SIZE, { type: THREE.FloatType, format: THREE.RGBAFormat, samples: 0 })
@@ -85,7 +87,10 @@ globalThis.tests = {
     const numbers = await renderer.readRenderTargetPixelsAsync(target, 0, 0, SIZE, SIZE)
     renderer.setRenderTarget(null)
     target.dispose()
-    return { backend: renderer.backend.constructor.name, pixels: base64(Float32Array.from(numbers)) }
+    // WebGPU's first row is the topmost.
+    const rows = Array.from({ length: SIZE }, (_, y) => numbers.subarray(y * SIZE * 4, (y + 1) * SIZE * 4))
+    if (tests.backend() === 'WebGPUBackend') rows.reverse()
+    return base64(Float32Array.from(rows.flatMap((row) => [...row])))
   },
 
   /** As `pixels`, through the canvas: 8 bits. */
