@@ -9,8 +9,9 @@ use lightkiln_bake::layers::Layers;
 use lightkiln_bake::signals::Stage;
 use lightkiln_bake::{BakeError, Clock, FileLight, Surface, options, shade};
 use lightkiln_encode::AtlasView;
-use lightkiln_light::{Estimates, Hit, Signal, Tracer};
+use lightkiln_light::{Estimates, Hit, Signal, Surfaces, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
+use lightkiln_page::ErrorPoint;
 use lightkiln_render::{Camera, Picture, View, render};
 use lightkiln_sample::{SampleOptions, poisson_disk};
 use lightkiln_scene::Scene;
@@ -316,12 +317,12 @@ impl Studio<'_> {
     }
 
     /// Fresh points with the error of what the file shows there; those inside other geometry are left out.
-    pub fn errors(&self, count: usize, clock: &mut Clock<'_>) -> Vec<(Vec3, f32)> {
+    pub fn errors(&self, count: usize, clock: &mut Clock<'_>) -> Vec<ErrorPoint> {
         let mesh = &self.surface.mesh;
         clock.stage("light");
         let (points, keys) = lightkiln_sample::fresh_points(mesh, count, PICTURE_SEED);
         let mut light = Estimates::new(points.len(), self.signal.channels());
-        let batches = self.rays.div_ceil(self.signal.rays_per_batch()).max(1) as u16;
+        let batches = self.rays.div_ceil(self.signal.rays_per_batch()).clamp(1, u32::from(u16::MAX)) as u16;
         let wanted = vec![batches; points.len()];
         shade::refine(&mut light, self.signal.as_ref(), &points, &keys, &wanted, clock);
         let traced = self.layers.light(&light);
@@ -330,7 +331,12 @@ impl Studio<'_> {
         let seen = (0..points.len()).filter(|&i| light.valid(i));
         seen.map(|i| {
             file.show(views, points[i], &mut shown);
-            (mesh.position(points[i]), self.layers.worst(&shown, traced.value(i), traced.sigma(i)).0)
+            ErrorPoint {
+                at: mesh.position(points[i]).to_array(),
+                normal: mesh.shading_normal(points[i]).to_array(),
+                double_sided: self.surface.flags(points[i].triangle).double_sided,
+                error: self.layers.worst(&shown, traced.value(i), traced.sigma(i)).0,
+            }
         })
         .collect()
     }

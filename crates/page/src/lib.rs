@@ -24,7 +24,7 @@ pub mod server;
 pub mod site;
 pub mod svg;
 
-pub use model::{LayerModel, Model};
+pub use model::{ErrorPoint, LayerModel, Model};
 pub use report::{Figure, report_page};
 pub use server::Server;
 pub use site::Site;

@@ -39,6 +39,19 @@ pub struct LayerModel {
     pub table: Option<Vec<f32>>,
 }
 
+/// The error of what the file shows at a point.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ErrorPoint {
+    /// Where.
+    pub at: [f32; 3],
+    /// Of the surface there.
+    pub normal: [f32; 3],
+    /// Whether it is seen from behind, too.
+    pub double_sided: bool,
+    /// Above 0 where it is too bright.
+    pub error: f32,
+}
+
 /// A baked scene.
 #[derive(Clone, Debug, Default)]
 pub struct Model {
@@ -68,8 +81,8 @@ pub struct Model {
     pub texel_size: f32,
     /// The error bound.
     pub max_error: f32,
-    /// Points with their error: x, y, z, error with its sign.
-    pub errors: Vec<[f32; 4]>,
+    /// Points with their errors; empty when nothing was traced.
+    pub errors: Vec<ErrorPoint>,
     /// Surface area over points.
     pub area_per_error: f32,
     /// Figures for the corner: whatever the page shows of a report.
@@ -121,6 +134,11 @@ fn byte(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
+/// Numbers `-1..=1` as signed bytes.
+fn signed_bytes([x, y, z]: [f32; 3], w: f32) -> [u8; 4] {
+    [x, y, z, w].map(|n| (n.clamp(-1.0, 1.0) * 127.0).round() as i8 as u8)
+}
+
 /// The root keeps dark colors apart in 8 bits; the page squares them.
 fn root_byte(linear: f32) -> u8 {
     byte(linear.max(0.0).sqrt())
@@ -135,8 +153,7 @@ impl Model {
         let (chart_count, chart_of) =
             charts(&indices, self.layers.first().map_or(&[], |l| l.codes.as_slice()));
         block.floats("positions", self.positions.iter().flatten());
-        let snorm = |n: f32| (n.clamp(-1.0, 1.0) * 127.0).round() as i8 as u8;
-        block.add("normals".into(), self.normals.iter().flat_map(|n| [snorm(n[0]), snorm(n[1]), snorm(n[2]), 0]));
+        block.add("normals".into(), self.normals.iter().flat_map(|&n| signed_bytes(n, 0.0)));
         let rooted = |c: &[f32; 3]| [root_byte(c[0]), root_byte(c[1]), root_byte(c[2]), 255];
         block.add("baseColors".into(), self.base_colors.iter().flat_map(rooted));
         let ids = chart_of.iter().zip(&self.parts).flat_map(|(&chart, &part)| [chart, part]);
@@ -148,7 +165,10 @@ impl Model {
             block.add("fallback".into(), self.fallback.iter().flat_map(plain));
         }
         if !self.errors.is_empty() {
-            block.floats("errors", self.errors.iter().flatten());
+            let numbers = self.errors.iter().flat_map(|e| e.at.into_iter().chain([e.error]));
+            block.add("errors".into(), numbers.flat_map(f32::to_le_bytes));
+            let sides = self.errors.iter().map(|e| signed_bytes(e.normal, f32::from(u8::from(e.double_sided))));
+            block.add("errorNormals".into(), sides.flatten());
         }
         let layers: Vec<Value> = self.layers.iter().enumerate().map(|(n, l)| l.pack(n, &mut block)).collect();
         let [low, high] = self.bounds();

@@ -1,0 +1,67 @@
+// An orbit around a point. Y is up, +Z the front, as glTF has it. Matrices are column by column.
+
+const FIELD = 0.25 // half the opening angle as a tangent: a long lens, as the program's own pictures have it
+const FLATTEST = Math.PI / 2 - 1e-3
+
+export class Camera {
+  /** Frames a box so that all of it is seen. */
+  constructor([low, high]) {
+    this.middle = low.map((x, k) => (x + high[k]) / 2)
+    this.radius = Math.max(1e-6, Math.hypot(...high.map((x, k) => x - low[k])) / 2)
+    this.reset()
+  }
+
+  reset() {
+    this.target = [...this.middle]
+    this.azimuth = (35 * Math.PI) / 180
+    this.elevation = (25 * Math.PI) / 180
+    this.distance = (1.06 * this.radius) / FIELD
+  }
+
+  turn(right, up) {
+    this.azimuth -= right
+    this.elevation = Math.min(FLATTEST, Math.max(-FLATTEST, this.elevation + up))
+  }
+
+  /** Moves the target, in heights of the picture. */
+  move(right, up) {
+    const [x, y] = this.axes()
+    const step = 2 * FIELD * this.distance
+    this.target = this.target.map((t, k) => t - step * (right * x[k] + up * y[k]))
+  }
+
+  closer(factor) {
+    this.distance = Math.min(this.radius * 100, Math.max(this.radius * 1e-3, this.distance / factor))
+  }
+
+  /** Right, up and toward the eye. */
+  axes() {
+    const [sa, ca, se, ce] = [Math.sin(this.azimuth), Math.cos(this.azimuth), Math.sin(this.elevation), Math.cos(this.elevation)]
+    return [[ca, 0, -sa], [-sa * se, ce, -ca * se], [sa * ce, se, ca * ce]]
+  }
+
+  eye() {
+    const toward = this.axes()[2]
+    return this.target.map((t, k) => t + this.distance * toward[k])
+  }
+
+  /** Pixels that a length at distance 1 takes in a picture of that height. */
+  static pixels(height) {
+    return height / (2 * FIELD)
+  }
+
+  clipFromWorld(width, height) {
+    const [x, y, z] = this.axes()
+    const eye = this.eye()
+    const away = Math.hypot(...eye.map((e, k) => e - this.middle[k]))
+    const near = Math.max(away - 1.1 * this.radius, this.distance * 0.01)
+    const far = Math.max(away + 1.1 * this.radius, near * 2)
+    // The shorter side has the field, so that a phone held upright sees all as well.
+    const narrow = Math.min(1, width / height)
+    const [sx, sy] = [narrow / FIELD / (width / height), narrow / FIELD]
+    const [a, b] = [(far + near) / (near - far), (2 * far * near) / (near - far)]
+    const dot = (axis) => axis.reduce((sum, v, k) => sum + v * eye[k], 0)
+    const [ex, ey, ez] = [dot(x), dot(y), dot(z)]
+    return [0, 1, 2].flatMap((k) => [sx * x[k], sy * y[k], a * z[k], -z[k]]).concat([-sx * ex, -sy * ey, -a * ez + b, ez])
+  }
+}

@@ -1,0 +1,127 @@
+// The model as the program packed it: crates/page/src/model.rs.
+
+export async function load() {
+  const [about, block] = await Promise.all([fetched('model.json', 'json'), fetched('model.bin', 'arrayBuffer')])
+  return new Model(about, block)
+}
+
+async function fetched(name, as) {
+  const response = await fetch(name)
+  if (!response.ok) throw new Error(`${name}: ${response.status}`)
+  return response[as]()
+}
+
+export class Model {
+  constructor(about, block) {
+    this.about = about
+    this.block = block
+    this.positions = this.numbers('positions', Float32Array)
+    this.indices = this.numbers('indices', Uint32Array)
+    this.codes = this.numbers('codes0', Uint16Array)
+    this.ids = this.numbers('ids', Uint32Array)
+  }
+
+  has(name) {
+    return name in this.about.sections
+  }
+
+  numbers(name, Type) {
+    const { offset, bytes } = this.about.sections[name]
+    return new Type(this.block, offset, bytes / Type.BYTES_PER_ELEMENT)
+  }
+
+  /** Whether any layer shows the atlas. */
+  get hasAtlas() {
+    return this.about.layers[0].pages > 0
+  }
+
+  /** Texels of a layer's pages, or of its table. */
+  texels(layer, name) {
+    return this.numbers(name, layer.bits === 16 && name.startsWith('page') ? Uint16Array : Uint8Array)
+  }
+
+  isTexture(vertex) {
+    return this.codes[2 * vertex + 1] < 0x8000
+  }
+
+  corners(triangle) {
+    return this.indices.subarray(3 * triangle, 3 * triangle + 3)
+  }
+
+  /** `texture`, `mixed` or `color`. */
+  kind(triangle) {
+    const count = this.corners(triangle).filter((v) => this.isTexture(v)).length
+    return ['color', 'mixed', 'mixed', 'texture'][count]
+  }
+
+  position(vertex) {
+    return this.positions.subarray(3 * vertex, 3 * vertex + 3)
+  }
+
+  /** In texels of the stack of pages. */
+  place(vertex) {
+    return [this.codes[2 * vertex] / 8, this.codes[2 * vertex + 1] / 8]
+  }
+
+  /** Triangles of three texture-vertices. */
+  get textureIndices() {
+    this.found ??= this.indices.filter((_, i) => {
+      const first = i - (i % 3)
+      return [0, 1, 2].every((k) => this.isTexture(this.indices[first + k]))
+    })
+    return this.found
+  }
+
+  /** Edges of all triangles, two vertices each. */
+  lines(indices) {
+    const lines = new Uint32Array(2 * indices.length)
+    for (let i = 0, o = 0; i < indices.length; i += 3) {
+      for (let k = 0; k < 3; k++) {
+        lines[o++] = indices[i + k]
+        lines[o++] = indices[i + ((k + 1) % 3)]
+      }
+    }
+    return lines
+  }
+
+  /** The triangles whose last corner is a vertex. */
+  endingAt(vertex) {
+    if (!this.starts) {
+      const count = this.indices.length / 3
+      this.starts = new Uint32Array(this.about.vertices + 1)
+      for (let t = 0; t < count; t++) this.starts[this.indices[3 * t + 2] + 1]++
+      for (let v = 0; v < this.about.vertices; v++) this.starts[v + 1] += this.starts[v]
+      const next = this.starts.slice()
+      this.ending = new Uint32Array(count)
+      for (let t = 0; t < count; t++) this.ending[next[this.indices[3 * t + 2]]++] = t
+    }
+    return this.ending.subarray(this.starts[vertex], this.starts[vertex + 1])
+  }
+
+  /**
+   * Of the triangles that end at a vertex, the one that a point lies in, with the point's weights.
+   * - `at`: the point, in the space of `where`
+   * - `where`: corners in space or in the atlas
+   */
+  triangleAt(vertex, at, where) {
+    let best
+    for (const triangle of this.endingAt(vertex)) {
+      const weights = barycentric(at, [...this.corners(triangle)].map(where))
+      const least = Math.min(...weights)
+      if (!best || least > best.least) best = { triangle, weights, least }
+    }
+    return best
+  }
+}
+
+/** Weights of three corners, in two or three dimensions; far outside for triangles without area. */
+function barycentric(p, [a, b, c]) {
+  const minus = (x, y) => Array.from(x, (v, k) => v - y[k])
+  const dot = (x, y) => x.reduce((sum, v, k) => sum + v * y[k], 0)
+  const [u, v, w] = [minus(b, a), minus(c, a), minus(p, a)]
+  const [uu, uv, vv, wu, wv] = [dot(u, u), dot(u, v), dot(v, v), dot(w, u), dot(w, v)]
+  const area = uu * vv - uv * uv
+  if (!(area > 0)) return [-1e9, -1e9, -1e9]
+  const [second, third] = [(vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area]
+  return [1 - second - third, second, third]
+}

@@ -1,0 +1,279 @@
+// Programs around the functions of shaders/: nothing here decodes light by itself.
+
+import { VERTEX, FRAGMENT } from './lightkiln.js'
+
+const HEAD = `#version 300 es
+precision highp float;
+precision highp int;
+precision highp sampler2D;
+precision highp sampler2DArray;
+`
+
+/** Where attributes lie, in all programs. */
+export const ATTRIBUTES = { position: 0, normal: 1, base: 2, ids: 3, code: 4, fallback: 5 }
+
+/** Where a vertex stands: in the scene, or in the atlas. */
+const STAND = `
+uniform mat4 clipFromWorld;
+uniform bool inAtlas;
+uniform vec4 atlasView;
+vec4 stand(vec3 position, vec2 place) {
+    return inAtlas ? vec4((place - atlasView.xy) * atlasView.zw, 0.0, 1.0) : clipFromWorld * vec4(position, 1.0);
+}
+`
+
+const SURFACE_VERTEX = `${HEAD}${VERTEX}${STAND}
+in vec3 position;
+in vec3 normal;
+in vec3 base;
+in uvec2 ids;
+in vec2 code;
+in vec3 fallback;
+uniform int form;
+uniform sampler2D table;
+out vec3 vWorld;
+out vec3 vNormal;
+out vec3 vBase;
+out vec3 vColor;
+out vec3 vPlace;
+out vec3 vFallback;
+flat out uint vChart;
+flat out int vVertex;
+void main() {
+    vWorld = position;
+    vNormal = normal;
+    vBase = base * base;
+    vFallback = fallback;
+    vChart = ids.x;
+    vVertex = gl_VertexID;
+    vPlace = lightkilnVertexPlace(code);
+    if (form == 0) {
+        vColor = vec3(lightkilnVertexScalar(code));
+    } else if (form == 1) {
+        vColor = lightkilnVertexRgb(code);
+    } else {
+        vColor = lightkilnVertexTable(table, code);
+    }
+    gl_Position = stand(position, vPlace.xy);
+}
+`
+
+const SHARED = `
+vec3 encoded(vec3 linear) {
+    vec3 x = clamp(linear, 0.0, 1.0);
+    return mix(1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, 12.92 * x, lessThanEqual(x, vec3(0.0031308)));
+}
+vec3 diverging(float t) {
+    // From blue over white to red, for -1 to 1.
+    vec3 end = t > 0.0 ? vec3(0.62, 0.03, 0.02) : vec3(0.02, 0.12, 0.52);
+    return mix(vec3(0.9), end, clamp(abs(t), 0.0, 1.0));
+}
+`
+
+const SURFACE_FRAGMENT = `${HEAD}${FRAGMENT}${SHARED}
+in vec3 vWorld;
+in vec3 vNormal;
+in vec3 vBase;
+in vec3 vColor;
+in vec3 vPlace;
+in vec3 vFallback;
+flat in uint vChart;
+uniform sampler2DArray atlas;
+uniform vec3 scale;
+uniform vec3 eye;
+uniform bool one;
+uniform bool isSigned;
+uniform bool materials;
+uniform int source;
+uniform int overlay;
+uniform float exposure;
+uniform float texelSize;
+uniform bool inAtlas;
+out vec4 color;
+
+float checker(vec2 texels) {
+    vec2 cell = floor(texels / 2.0);
+    return mod(cell.x + cell.y, 2.0) < 0.5 ? 1.0 : 0.72;
+}
+
+vec3 hashed(uint x) {
+    x = (x ^ (x >> 16u)) * 0x7feb352du;
+    x = (x ^ (x >> 15u)) * 0x846ca68bu;
+    x ^= x >> 16u;
+    return 0.25 + 0.65 * vec3(x & 255u, (x >> 8u) & 255u, (x >> 16u) & 255u) / 255.0;
+}
+
+void main() {
+    vec3 texel = lightkilnLightTexel(atlas, vPlace);
+    vec3 placeX = dFdx(vPlace), placeY = dFdy(vPlace);
+    vec3 worldX = dFdx(vWorld), worldY = dFdy(vWorld);
+    vec3 flatNormal = cross(worldX, worldY);
+    vec3 normal = normalize(dot(vNormal, vNormal) > 0.1 ? vNormal : flatNormal + vec3(0.0, 1e-9, 0.0));
+    float clay = 0.15 + 0.6 * abs(dot(normal, normalize(eye - vWorld))) + 0.25 * (0.5 + 0.5 * normal.y);
+
+    vec3 unit = vColor + (one ? texel.rrr : texel);
+    vec3 shown = unit;
+    if (scale.z > 0.0) {
+        vec3 value = lightkilnLightUnscaleRgb(unit, scale) / scale.z * exposure;
+        shown = isSigned ? 0.5 + 0.5 * value : value;
+    }
+    if (source == 1) shown = vFallback * exposure;
+    if (source == 2) shown = vec3(clay);
+    if (materials) shown *= vBase;
+
+    float eta = vPlace.z;
+    vec2 place = vPlace.xy / max(eta, 1e-6);
+    float shade = inAtlas ? 1.0 : 0.35 + 0.65 * clay;
+    if (overlay == 1) {
+        shown = eta > 0.999999 ? vec3(0.85, 0.12, 0.10) : eta < 1e-6 ? vec3(0.75, 0.80, 0.85) : vec3(0.95, 0.65, 0.10);
+        shown *= shade;
+    } else if (overlay == 2) {
+        shown = eta > 0.999999 && vChart > 0u ? hashed(vChart) * checker(place) : vec3(0.75, 0.80, 0.85);
+        shown *= shade;
+    } else if (overlay == 3) {
+        shown = vec3(0.3);
+        if (eta > 0.999999) {
+            float texels = abs(placeX.x * placeY.y - placeX.y * placeY.x);
+            float area = max(length(flatNormal), 1e-30);
+            // Texels along a length, in shares of what was asked for; the color's scale is doubling.
+            shown = diverging(log2(sqrt(texels / area) * texelSize)) * checker(place);
+        }
+        shown *= shade;
+    } else if (overlay == 4) {
+        shown = vec3(0.22) * shade;
+    }
+    color = vec4(encoded(shown), 1.0);
+}
+`
+
+const PICK_FRAGMENT = `${HEAD}
+in vec3 vWorld;
+in vec3 vPlace;
+flat in int vVertex;
+uniform bool inAtlas;
+out uvec4 found;
+void main() {
+    vec3 at = inAtlas ? vec3(vPlace.xy, 0.0) : vWorld;
+    found = uvec4(uint(vVertex) + 1u, floatBitsToUint(at));
+}
+`
+
+const LINE_VERTEX = `${HEAD}${VERTEX}${STAND}
+in vec3 position;
+in vec2 code;
+uniform float pull;
+void main() {
+    gl_Position = stand(position, lightkilnVertexPlace(code).xy);
+    gl_Position.z -= pull * gl_Position.w;
+}
+`
+
+const LINE_FRAGMENT = `${HEAD}
+uniform vec4 paint;
+out vec4 color;
+void main() {
+    color = vec4(paint.rgb * paint.a, paint.a);
+}
+`
+
+const ERROR_VERTEX = `${HEAD}
+in vec4 position;
+in vec4 normal;
+uniform mat4 clipFromWorld;
+uniform vec3 eye;
+uniform float pixels;
+uniform float spacing;
+uniform float limit;
+out float vError;
+void main() {
+    vError = position.w / limit;
+    gl_Position = clipFromWorld * vec4(position.xyz, 1.0);
+    gl_PointSize = clamp(spacing * pixels / gl_Position.w, 1.5, 64.0);
+    // Toward the eye by half of its width, so that a disc is not cut by the surface that it lies on.
+    gl_Position.z -= gl_Position.w * 2e-4;
+    bool behind = normal.w < 0.5 && dot(normal.xyz, eye - position.xyz) < 0.0;
+    if (behind) gl_Position = vec4(0.0, 0.0, 2.0, 1.0);
+}
+`
+
+const ERROR_FRAGMENT = `${HEAD}${SHARED}
+in float vError;
+out vec4 color;
+void main() {
+    vec2 from = gl_PointCoord - 0.5;
+    if (dot(from, from) > 0.25) discard;
+    color = vec4(encoded(diverging(vError)), 1.0);
+}
+`
+
+const ATLAS_VERTEX = `${HEAD}
+const vec2 CORNERS[3] = vec2[3](vec2(-1.0, -1.0), vec2(3.0, -1.0), vec2(-1.0, 3.0));
+uniform vec4 atlasView;
+out vec2 vTexel;
+void main() {
+    vec2 corner = CORNERS[gl_VertexID];
+    vTexel = corner / atlasView.zw + atlasView.xy;
+    gl_Position = vec4(corner, 0.0, 1.0);
+}
+`
+
+const ATLAS_FRAGMENT = `${HEAD}${FRAGMENT}${SHARED}
+in vec2 vTexel;
+uniform sampler2DArray atlas;
+uniform bool one;
+uniform bool isSigned;
+uniform vec3 scale;
+uniform float exposure;
+uniform float dim;
+out vec4 color;
+void main() {
+    ivec3 size = textureSize(atlas, 0);
+    ivec2 at = ivec2(floor(vTexel));
+    if (any(lessThan(at, ivec2(0))) || at.x >= size.x || at.y >= size.y * size.z) {
+        color = vec4(0.16, 0.18, 0.21, 1.0);
+        return;
+    }
+    vec3 unit = texelFetch(atlas, ivec3(at.x, at.y % size.y, at.y / size.y), 0).rgb;
+    if (one) unit = unit.rrr;
+    vec3 shown = unit;
+    if (scale.z > 0.0) {
+        vec3 value = lightkilnLightUnscaleRgb(unit, scale) / scale.z * exposure;
+        shown = isSigned ? 0.5 + 0.5 * value : value;
+    }
+    color = vec4(encoded(shown * dim), 1.0);
+}
+`
+
+/** All programs, each with its uniforms by name. */
+export function programs(gl) {
+  return {
+    surface: program(gl, SURFACE_VERTEX, SURFACE_FRAGMENT),
+    pick: program(gl, SURFACE_VERTEX, PICK_FRAGMENT),
+    line: program(gl, LINE_VERTEX, LINE_FRAGMENT),
+    error: program(gl, ERROR_VERTEX, ERROR_FRAGMENT),
+    atlas: program(gl, ATLAS_VERTEX, ATLAS_FRAGMENT),
+  }
+}
+
+function program(gl, vertex, fragment) {
+  const made = gl.createProgram()
+  for (const [type, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+    const shader = gl.createShader(type)
+    gl.shaderSource(shader, text)
+    gl.compileShader(shader)
+    gl.attachShader(made, shader)
+  }
+  for (const [name, location] of Object.entries(ATTRIBUTES)) gl.bindAttribLocation(made, location, name)
+  gl.linkProgram(made)
+  if (!gl.getProgramParameter(made, gl.LINK_STATUS)) {
+    const logs = gl.getAttachedShaders(made).map((shader) => gl.getShaderInfoLog(shader))
+    throw new Error([gl.getProgramInfoLog(made), ...logs].filter(Boolean).join('\n'))
+  }
+  const uniforms = {}
+  const count = gl.getProgramParameter(made, gl.ACTIVE_UNIFORMS)
+  for (let i = 0; i < count; i++) {
+    const { name } = gl.getActiveUniform(made, i)
+    uniforms[name] = gl.getUniformLocation(made, name)
+  }
+  return { made, uniforms }
+}
