@@ -98,6 +98,24 @@ for (const [backend, className] of [['webgl', 'WebGLBackend'], ['webgpu', 'WebGP
     quiet()
   })
 
+  test(`${backend}: harmonics are irradiance for the normal of the pixel, also when the model is turned`, async (t) => {
+    if (!(await isThere(t))) return
+    // No more than four: WebGPU draws from eight vertex buffers at most.
+    const c = [[2, 3, 1], [0.5, 0.2, 0.1], [0.9, 0.4, 0.6], [0.3, 0.7, 0.2]]
+    const layers = c.map((rgb, k) => ({ ...irradiance(rgb), signal: `irradianceSh${k}` }))
+    // At the normal (0, 0, 1).
+    const e = [0, 1, 2].map((k) => c[0][k] * 0.28209479 + c[2][k] * 0.48860251)
+    const turn = 'gltf.scene.rotation.set(0.4, 0.5, 2); gltf.scene.scale.setScalar(3)'
+    const pictures = []
+    for (const shown of [layers, [irradiance(e)]]) {
+      await load(square({ layers: shown, material }))
+      await change(turn)
+      pictures.push(await middle())
+    }
+    near(pictures[0], pictures[1], 3e-3)
+    quiet()
+  })
+
   test(`${backend}: a material without lights shows its light`, async (t) => {
     if (!(await isThere(t))) return
     const unlit = { ...material, extensions: { KHR_materials_unlit: {} } }

@@ -147,14 +147,18 @@ export class Light {
     this.#materials.set(material, material.onBeforeCompile)
   }
 
-  /** Harmonics are in the world of the file, which you may have turned in yours. */
   #turn(material) {
     const { onBeforeRender } = material
-    const fromWorld = this.uniforms.lightkilnFromWorld.value
     material.onBeforeRender = (...drawn) => {
       onBeforeRender.apply(material, drawn)
-      if (this.#root !== null) fromWorld.setFromMatrix4(this.#root.matrixWorld).transpose()
+      this.updateFromWorld()
     }
+  }
+
+  /** Harmonics are in the world of the file, which you may have turned in yours: turns normals back. */
+  updateFromWorld() {
+    const { value } = this.uniforms.lightkilnFromWorld
+    return this.#root === null ? value : value.setFromMatrix4(this.#root.matrixWorld).transpose()
   }
 }
 

@@ -6,11 +6,12 @@ import {
   BasicLightMapNode, IrradianceNode, MeshBasicNodeMaterial, MeshPhysicalNodeMaterial, MeshStandardNodeMaterial,
 } from 'three/webgpu'
 import {
-  Fn, If, attribute, clamp, float, floor, int, ivec2, materialAO, mix, pow, reference, select, sign, texture,
-  textureLoad, uint, varying, vec2, vec3, vec4,
+  Fn, If, attribute, clamp, float, floor, int, ivec2, materialAO, mix, normalWorld, pow, reference, select, sign, texture,
+  textureLoad, uint, uniform, varying, vec2, vec3, vec4,
 } from 'three/tsl'
 import {
-  COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, RGB_SHIFTS, RGB_STEPS, SUBTEXELS, TABLE_WIDTH, attributeName,
+  COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, RGB_SHIFTS, RGB_STEPS, SH_AXIS,
+  SH_CONSTANT, SH_DIFFERENCE, SH_LINEAR, SH_PRODUCT, SUBTEXELS, TABLE_WIDTH, attributeName, harmonic,
 } from 'lightkiln-format'
 
 const CLASSES = {
@@ -60,6 +61,18 @@ export function light(layer) {
   return sign(p).mul(pow(vec3(CURVE_BASE), p.abs()).sub(1)).mul(white / CURVE_KNEE)
 }
 
+/** Irradiance for the normal of the pixel, which is turned back into the world of the file. */
+function harmonicIrradiance(layers, owner) {
+  const fromWorld = uniform(owner.updateFromWorld()).onRenderUpdate(() => owner.updateFromWorld())
+  const n = fromWorld.mul(normalWorld).normalize().toVar()
+  const basis = [
+    float(SH_CONSTANT), n.y.mul(SH_LINEAR), n.z.mul(SH_LINEAR), n.x.mul(SH_LINEAR),
+    n.x.mul(n.y).mul(SH_PRODUCT), n.y.mul(n.z).mul(SH_PRODUCT), n.z.mul(n.z).mul(3).sub(1).mul(SH_AXIS),
+    n.x.mul(n.z).mul(SH_PRODUCT), n.x.mul(n.x).sub(n.y.mul(n.y)).mul(SH_DIFFERENCE),
+  ]
+  return layers.reduce((sum, layer) => sum.add(light(layer).mul(basis[harmonic(layer)])), vec3(0))
+}
+
 /** What the plugin calls: gives meshes with light a node material. */
 export const lightkilnNodes = {
   material(material, owner, layers, view) {
@@ -71,6 +84,8 @@ export const lightkilnNodes = {
     const sum = (role) => layers.filter((layer) => layer.role === role).map(light)
     const occlusions = sum('occlusion')
     const irradiances = sum('irradiance')
+    const harmonics = layers.filter(({ role }) => role === 'harmonics')
+    if (harmonics.length > 0 && Class !== MeshBasicNodeMaterial) irradiances.push(harmonicIrradiance(harmonics, owner))
     const occlusion = occlusions.reduce((product, node) =>
       product.mul(mix(1, node.r, reference('occlusionIntensity', 'float', owner))), float(1))
     if (occlusions.length > 0) copy.aoNode = material.aoMap ? materialAO.mul(occlusion) : occlusion
