@@ -110,8 +110,7 @@ pub fn in_studio<T>(
         None => Default::default(),
     };
     let colors = signals.needs_surfaces();
-    let scene =
-        Scene::read(look.file, &options.read_options(look.scene, colors)).map_err(BakeError::from)?;
+    let scene = Scene::read(look.file, &options.read_options(look.scene, colors)).map_err(BakeError::from)?;
     let occluders = options.read_occluders(colors)?;
     let lighting = options.lighting_for(&signals, &scene)?;
     let surface = Surface::with(&scene, &file, options.cast(&scene, &occluders)?)?;

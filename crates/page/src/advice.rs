@@ -28,7 +28,15 @@ const EIGHT_BITS_FROM: f32 = 2.5 / 255.0;
 /// Everything that the figures suggest, the largest saving first.
 pub fn advice(report: &Report) -> Vec<Advice> {
     let rules = [
-        larger_detail, larger_bound, eight_bits, level_zero, unused_texels, seams, fallback, largest, vertices_enough,
+        larger_detail,
+        larger_bound,
+        eight_bits,
+        level_zero,
+        unused_texels,
+        seams,
+        fallback,
+        largest,
+        vertices_enough,
         coarse_texels,
     ];
     let mut all: Vec<Advice> = rules.iter().filter_map(|rule| rule(report)).collect();

@@ -62,8 +62,16 @@ mod tests {
     fn charts_of_two_pieces_are_two_whatever_their_vertices() {
         // Two triangles that share an edge by place but not by vertex, one elsewhere, one that is mixed.
         let codes = [
-            place(1.0, 1.0), place(4.0, 1.0), place(1.0, 4.0), place(4.0, 1.0), place(4.0, 4.0), place(1.0, 4.0),
-            place(9.0, 9.0), place(12.0, 9.0), place(9.0, 12.0), LightCode::color(0.5),
+            place(1.0, 1.0),
+            place(4.0, 1.0),
+            place(1.0, 4.0),
+            place(4.0, 1.0),
+            place(4.0, 4.0),
+            place(1.0, 4.0),
+            place(9.0, 9.0),
+            place(12.0, 9.0),
+            place(9.0, 12.0),
+            LightCode::color(0.5),
         ];
         let (count, charts) = charts(&[[6, 7, 8], [0, 1, 2], [3, 4, 5], [9, 7, 6]], &codes);
         assert_eq!(count, 2);

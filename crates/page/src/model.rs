@@ -167,7 +167,8 @@ impl Model {
         if !self.errors.is_empty() {
             let numbers = self.errors.iter().flat_map(|e| e.at.into_iter().chain([e.error]));
             block.add("errors".into(), numbers.flat_map(f32::to_le_bytes));
-            let sides = self.errors.iter().map(|e| signed_bytes(e.normal, f32::from(u8::from(e.double_sided))));
+            let sides =
+                self.errors.iter().map(|e| signed_bytes(e.normal, f32::from(u8::from(e.double_sided))));
             block.add("errorNormals".into(), sides.flatten());
         }
         let layers: Vec<Value> = self.layers.iter().enumerate().map(|(n, l)| l.pack(n, &mut block)).collect();
@@ -300,7 +301,10 @@ mod tests {
         assert_eq!(section(&json, &block, "normals")[..4], [0, 0, 127, 0]);
         // The square root of the color.
         assert_eq!(section(&json, &block, "baseColors")[..4], [128, 255, 0, 255]);
-        assert_eq!(section(&json, &block, "codes0"), [8, 0, 8, 0, 24, 0, 8, 0, 8, 0, 24, 0, 255, 255, 0, 128]);
+        assert_eq!(
+            section(&json, &block, "codes0"),
+            [8, 0, 8, 0, 24, 0, 8, 0, 8, 0, 24, 0, 255, 255, 0, 128]
+        );
         assert_eq!(section(&json, &block, "page0_0"), [128; 16]);
         assert_eq!(section(&json, &block, "indices")[12..16], 0_u32.to_le_bytes());
         // Chart and part of each vertex.

@@ -72,7 +72,8 @@ fn against(total: u64, other: u64, what: &str) -> Option<[String; 2]> {
         return None;
     }
     let ratio = total as f64 / other as f64;
-    let text = if ratio < 1.0 { format!("{:.1} × smaller", 1.0 / ratio) } else { format!("{ratio:.1} × larger") };
+    let text =
+        if ratio < 1.0 { format!("{:.1} × smaller", 1.0 / ratio) } else { format!("{ratio:.1} × larger") };
     Some([text, format!("than {what} ({})", bytes_text(other))])
 }
 
@@ -130,7 +131,11 @@ fn classes(report: &Report) -> String {
     let classes = &report.classes;
     let piece = |label: &str, class: &lightkiln_report::Class, color| Piece {
         label: label.to_owned(),
-        text: format!("{} of the area, {} triangles", percent(class.area_share), count(class.triangles as u64)),
+        text: format!(
+            "{} of the area, {} triangles",
+            percent(class.area_share),
+            count(class.triangles as u64)
+        ),
         value: class.area_share,
         class: color,
     };
@@ -214,7 +219,10 @@ fn bytes(report: &Report) -> String {
         bytes_text(bytes.files),
         match bytes.instances_unshared {
             0 => String::new(),
-            n => format!(" {} instances were written apart, because each shows light of its own.", count(n as u64)),
+            n => format!(
+                " {} instances were written apart, because each shows light of its own.",
+                count(n as u64)
+            ),
         }
     );
     chart + &legend(&all) + &notes
@@ -286,7 +294,8 @@ fn error_chart(report: &Report) -> String {
         &edges,
         Some((place, &format!("bound {limit}"))),
     );
-    let piece = |label: &str, class| Piece { label: label.to_owned(), text: String::new(), value: 0.0, class };
+    let piece =
+        |label: &str, class| Piece { label: label.to_owned(), text: String::new(), value: 0.0, class };
     let mut pieces = vec![piece("this file", "hybrid")];
     if vertices.is_some() {
         pieces.push(piece("vertices alone, least squares", "lines"));
@@ -296,7 +305,13 @@ fn error_chart(report: &Report) -> String {
 
 /// A number of two digits.
 fn short(value: f32) -> String {
-    if value >= 0.1 { format!("{value:.2}") } else if value >= 0.01 { format!("{value:.3}") } else { format!("{value:.4}") }
+    if value >= 0.1 {
+        format!("{value:.2}")
+    } else if value >= 0.01 {
+        format!("{value:.3}")
+    } else {
+        format!("{value:.4}")
+    }
 }
 
 fn changes(report: &Report) -> String {
@@ -355,7 +370,9 @@ fn times(report: &Report) -> String {
         "<p>{total:.2} s in all{}. {} Poisson samples and {} more where vertices needed them, {} inside other geometry; {} rays \
          for samples, {} for {} texels, {} for references. A sample's standard error is {:.4} in the median and at most \
          {:.4} at 99 %.</p>\n",
-        report.peak_memory_bytes.map_or(String::new(), |peak| format!(", {} of memory at the peak", bytes_text(peak))),
+        report
+            .peak_memory_bytes
+            .map_or(String::new(), |peak| format!(", {} of memory at the peak", bytes_text(peak))),
         count(rays.poisson_samples as u64),
         count(rays.support_samples as u64),
         count(rays.invalid_samples as u64),
@@ -382,7 +399,10 @@ fn settings(report: &Report) -> String {
         pair("reach of rays", settings.ao_distance.map_or("unbounded".to_owned(), |d| format!("{d:.4}"))),
         pair("seed", settings.seed.to_string()),
         pair("size of the scene", format!("{:.3}", scene.diagonal)),
-        pair("triangles", format!("{} ({} without area)", count(scene.triangles), count(scene.degenerate_triangles))),
+        pair(
+            "triangles",
+            format!("{} ({} without area)", count(scene.triangles), count(scene.degenerate_triangles)),
+        ),
         pair("glTF vertices", count(scene.gltf_vertices)),
         pair("light vertices", count(scene.light_vertices)),
         pair("nodes and instances", count(scene.instances)),

@@ -164,7 +164,14 @@ mod tests {
 
     #[test]
     fn server_refuses_other_hosts() {
-        let hosts = ["evil.example", "evil.example:4711", "127.0.0.1", "127.0.0.1:80", "127.0.0.1:4711.evil.example", ""];
+        let hosts = [
+            "evil.example",
+            "evil.example:4711",
+            "127.0.0.1",
+            "127.0.0.1:80",
+            "127.0.0.1:4711.evil.example",
+            "",
+        ];
         for host in hosts {
             assert_eq!(status(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n")), "403 Forbidden", "{host}");
         }
@@ -175,7 +182,15 @@ mod tests {
 
     #[test]
     fn server_has_no_way_out_of_the_site() {
-        let paths = ["/../Cargo.toml", "/..%2f..%2fetc/passwd", "/%2e%2e/x", "//etc/passwd", "http://evil.example/", "*", "\\"];
+        let paths = [
+            "/../Cargo.toml",
+            "/..%2f..%2fetc/passwd",
+            "/%2e%2e/x",
+            "//etc/passwd",
+            "http://evil.example/",
+            "*",
+            "\\",
+        ];
         for path in paths {
             let request = format!("GET {path} HTTP/1.1\r\nHost: 127.0.0.1:4711\r\n\r\n");
             assert_eq!(status(&request), "404 Not Found", "{path}");
@@ -206,7 +221,9 @@ mod tests {
         let mut text = String::new();
         stream.read_to_string(&mut text).expect("answered");
         assert!(text.starts_with("HTTP/1.1 200 OK\r\n") && text.ends_with("\r\n\r\n"), "{text}");
-        assert!(text.contains("cross-origin-resource-policy: same-origin") && text.contains("text/javascript"));
+        assert!(
+            text.contains("cross-origin-resource-policy: same-origin") && text.contains("text/javascript")
+        );
         // More than a head may have.
         let mut stream = TcpStream::connect(address).expect("listens");
         let _ = stream.write_all(&vec![b'a'; 2 * LONGEST_HEAD as usize]);

@@ -87,8 +87,15 @@ mod tests {
         let site = Site::new(&model());
         assert_eq!(site.at("/"), site.at("/index.html"));
         assert!(site.at("/model.bin").is_some());
-        let others =
-            ["", "index.html", "//index.html", "/../Cargo.toml", "/..%2fCargo.toml", "/./index.html", "/etc/passwd"];
+        let others = [
+            "",
+            "index.html",
+            "//index.html",
+            "/../Cargo.toml",
+            "/..%2fCargo.toml",
+            "/./index.html",
+            "/etc/passwd",
+        ];
         for path in others {
             assert!(site.at(path).is_none(), "{path}");
         }
@@ -114,7 +121,8 @@ mod tests {
     fn site_shaders_are_those_of_the_repository() {
         let site = Site::new(&model());
         let text = String::from_utf8(site.files["lightkiln.js"].bytes.clone()).expect("text");
-        let vertex = text.lines().next().and_then(|l| l.strip_prefix("export const VERTEX = ")).expect("first");
+        let vertex =
+            text.lines().next().and_then(|l| l.strip_prefix("export const VERTEX = ")).expect("first");
         let source: String = serde_json::from_str(vertex.trim_end_matches(';')).expect("a string");
         assert_eq!(source, SHADERS[0].1);
         assert!(text.contains("lightkilnLightTexel"));

@@ -134,7 +134,8 @@ pub fn histogram(
     for (number, edge) in edges.iter().enumerate().filter(|(n, _)| n % 2 == 0) {
         let x = LEFT + (number + 1) as f64 * step;
         let edge = escape(edge);
-        let _ = write!(out, "<text x=\"{x:.1}\" y=\"{:.1}\" class=\"middle small\">{edge}</text>", HEIGHT + 18.0);
+        let _ =
+            write!(out, "<text x=\"{x:.1}\" y=\"{:.1}\" class=\"middle small\">{edge}</text>", HEIGHT + 18.0);
     }
     if let Some((at, label)) = mark {
         let x = LEFT + at.clamp(0.0, columns.len() as f64) * step;
@@ -152,7 +153,9 @@ pub fn histogram(
 
 fn open(title: &str, width: f64, height: f64) -> String {
     let title = escape(title);
-    format!("<svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{title}\"><title>{title}</title>")
+    format!(
+        "<svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{title}\"><title>{title}</title>"
+    )
 }
 
 fn rect(out: &mut String, piece: &Piece, [x, y, width, height]: [f64; 4]) {

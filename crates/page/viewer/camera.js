@@ -7,7 +7,8 @@ export class Camera {
   /** Frames a box so that all of it is seen. */
   constructor([low, high]) {
     this.middle = low.map((x, k) => (x + high[k]) / 2)
-    this.radius = Math.max(1e-6, Math.hypot(...high.map((x, k) => x - low[k])) / 2)
+    this.half = high.map((x, k) => (x - low[k]) / 2)
+    this.radius = Math.max(1e-6, Math.hypot(...this.half))
     this.reset()
   }
 
@@ -15,7 +16,11 @@ export class Camera {
     this.target = [...this.middle]
     this.azimuth = (35 * Math.PI) / 180
     this.elevation = (25 * Math.PI) / 180
-    this.distance = (1.06 * this.radius) / FIELD
+    // As far away as the corner asks for that is the widest or the nearest.
+    const [right, up, toward] = this.axes().map((axis) => axis.map((x, k) => x * this.half[k]))
+    const sums = (axis) => [...Array(8).keys()].map((c) => axis.reduce((sum, x, k) => sum + ((c >> k) & 1 ? x : -x), 0))
+    const [xs, ys, zs] = [sums(right), sums(up), sums(toward)]
+    this.distance = Math.max(this.radius * 1e-2, ...zs.map((z, c) => (1.06 * Math.max(Math.abs(xs[c]), Math.abs(ys[c]))) / FIELD + z))
   }
 
   turn(right, up) {

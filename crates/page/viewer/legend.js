@@ -16,10 +16,10 @@ export function legend(box, overlay, about) {
     density: () => [ramp(['half', 'as asked', 'twice']), note(`texels a length, against a texel of ${about.texelSize.toPrecision(3)}`)],
     error: () => {
       if (!about.sections.errors) return [note('no errors here: view the file with --trace')]
-      const bound = about.maxError
+      const bound = Number(about.maxError.toPrecision(3))
       const ticks = [-2, -1, 0, 1, 2].map((k) => String(Number((k * bound).toPrecision(2))))
       const points = (about.sections.errors.bytes / 16).toLocaleString('en')
-      return [ramp(ticks), note(`too dark, right, too bright at ${points} traced points; the bound is ${bound}`)]
+      return [ramp(ticks), note(`what the file shows is too dark, right or too bright, at ${points} traced points; the bound is ${bound}`)]
     },
   }[overlay]()
   box.replaceChildren(...parts)

@@ -159,7 +159,7 @@ export class Renderer {
     if (state.overlay === 'error' && model.has('errors')) this.errors(state, matrix)
     if (state.wireframe) {
       this.wires ??= this.indexBuffer(model.lines(model.indices))
-      this.lines(view, [0, 0, 0, 0.45], 1e-5)
+      this.lines(view, [0, 0, 0, 0.3], 1e-5)
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.wires.buffer)
       gl.drawElements(gl.LINES, this.wires.count, gl.UNSIGNED_INT, 0)
       this.linesDone()
@@ -261,7 +261,7 @@ export class Renderer {
     gl.uniformMatrix4fv(uniforms.clipFromWorld, false, matrix)
     gl.uniform3fv(uniforms.eye, state.camera.eye())
     gl.uniform1f(uniforms.pixels, Camera.pixels(Math.min(canvas.width, canvas.height)))
-    gl.uniform1f(uniforms.spacing, 1.3 * Math.sqrt(model.about.areaPerError))
+    gl.uniform1f(uniforms.spacing, 1.8 * Math.sqrt(model.about.areaPerError))
     gl.uniform1f(uniforms.limit, 2 * model.about.maxError)
     gl.drawArrays(gl.POINTS, 0, model.about.sections.errors.bytes / 16)
   }
