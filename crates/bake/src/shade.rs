@@ -115,6 +115,7 @@ pub fn light_fit_classify(
         clock.stage("fit");
         let light =
             layers.filtered_light(&surface.mesh, &samples.points, &estimates, FILTER_RADIUS * plan.radius);
+        clock.stage("fit");
         let values = fit_vertices(surface, &samples, &light, &weights)?;
         clock.stage("classify");
         let verdicts =
