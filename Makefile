@@ -2,6 +2,7 @@
 #
 #   make build      the program, target/release/lightkiln
 #   make test       all tests
+#   make test-view  `lightkiln view` and the report's page in a headless browser
 #   make lint       clippy, warnings denied        make fmt   rustfmt
 #   make bench      one bench per stage            make scenes  the big scenes, into data/big
 #   make bake       bake every scene of data/ into out/; editing one scene rebuilds one
@@ -25,7 +26,7 @@ BAKED = $(SCENES:data/%.glb=out/%.baked.glb)
 SCENES_DIR ?= ../shared/scenes
 
 .PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets figures clean
-.PHONY: viewer test-viewer test-build validator validate validate-scenes peers
+.PHONY: viewer test-viewer test-view test-build validator validate validate-scenes peers
 .DELETE_ON_ERROR:
 
 build:
@@ -46,6 +47,10 @@ test-xatlas:
 
 lint:
 	$(CARGO) clippy --release --locked --workspace --all-targets -- -D warnings
+
+# The viewer and the report's page in a browser: node, npm, and a Chromium (CHROMIUM names one).
+test-view: build viewer
+	node --test crates/page/browser/
 
 fmt:
 	$(CARGO) fmt --all

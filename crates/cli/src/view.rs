@@ -85,7 +85,7 @@ pub fn write_report(path: &Path, report: &Report, baked: &Path, scene: Option<us
         return write_whole(path, report.to_json().as_bytes());
     }
     let mut clock = Clock::new(&Silent);
-    let figures = in_studio(&look(baked, scene), &mut clock, |studio, clock| figures(studio, clock))?;
+    let figures = in_studio(&look(baked, scene), &mut clock, figures)?;
     write_whole(path, report_page(report, &figures).as_bytes())
 }
 

@@ -252,11 +252,11 @@ fn errors(report: &Report) -> String {
         out += &table("What the file shows, layer by layer", &head, &rows);
     }
     let bound = &errors.bound;
-    let _ = write!(
+    let _ = writeln!(
         out,
         "<p>Every point was compared with {} rays of its own; their noise of {:.4} is part of all errors. Beyond {} and {} \
          standard errors of noise lie {} of {} samples and {} of {} fresh points in color triangles, and {} of {} in \
-         texture triangles. {} points inside other geometry were left out.</p>\n",
+         texture triangles. {} points inside other geometry were left out.</p>",
         count(u64::from(errors.rays_per_point)),
         errors.hybrid.noise,
         percent(f64::from(bound.limit)),
@@ -365,11 +365,11 @@ fn times(report: &Report) -> String {
     let rays = &report.rays;
     let million = |n: u64| format!("{:.1} M", n as f64 / 1e6);
     let mut out = bars("Seconds by stage", &stages);
-    let _ = write!(
+    let _ = writeln!(
         out,
         "<p>{total:.2} s in all{}. {} Poisson samples and {} more where vertices needed them, {} inside other geometry; {} rays \
          for samples, {} for {} texels, {} for references. A sample's standard error is {:.4} in the median and at most \
-         {:.4} at 99 %.</p>\n",
+         {:.4} at 99 %.</p>",
         report
             .peak_memory_bytes
             .map_or(String::new(), |peak| format!(", {} of memory at the peak", bytes_text(peak))),

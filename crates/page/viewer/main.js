@@ -282,7 +282,7 @@ function gestures(element, { drag, zoom, hover }) {
     if (event.pointerType === 'touch') hover(event.clientX, event.clientY)
   })
   element.addEventListener('pointercancel', end)
-  element.addEventListener('pointerleave', () => pointers.size === 0 && hover())
+  element.addEventListener('pointerleave', (event) => event.pointerType !== 'touch' && pointers.size === 0 && hover())
   element.addEventListener('wheel', (event) => {
     event.preventDefault()
     zoom(Math.exp(-event.deltaY * (event.deltaMode === 1 ? 0.05 : 0.0015)), event.clientX, event.clientY)

@@ -1,0 +1,278 @@
+// `lightkiln view` in a headless browser: what it shows against the program's own pictures, and that all of it works.
+// LIGHTKILN names the program; SCENES_DIR more scenes, of which compressed ones are tried.
+
+import assert from 'node:assert/strict'
+import { execFileSync, spawn } from 'node:child_process'
+import { existsSync, mkdtempSync, readFileSync, readdirSync, rmSync } from 'node:fs'
+import { request } from 'node:http'
+import { tmpdir } from 'node:os'
+import { join } from 'node:path'
+import { after, before, test } from 'node:test'
+import { fileURLToPath } from 'node:url'
+import { createRequire } from 'node:module'
+
+const ROOT = fileURLToPath(new URL('../../..', import.meta.url))
+const PROGRAM = process.env.LIGHTKILN ?? join(ROOT, 'target/release/lightkiln')
+const SCENES = process.env.SCENES_DIR ?? join(ROOT, '../shared/scenes')
+const { chromium } = createRequire(join(ROOT, 'viewer/package.json'))('playwright-core')
+
+const run = (...args) => execFileSync(PROGRAM, args, { encoding: 'utf8', stdio: ['ignore', 'pipe', 'pipe'] })
+const folder = mkdtempSync(join(tmpdir(), 'lightkiln-view-'))
+const file = (name) => join(folder, name)
+
+let browser
+before(async () => {
+  const known = [process.env.CHROMIUM, '/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome']
+  const executablePath = known.find((path) => path && existsSync(path))
+  const args = ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--hide-scrollbars']
+  browser = await chromium.launch({ executablePath, args })
+})
+after(async () => {
+  await browser?.close()
+  rmSync(folder, { recursive: true })
+})
+
+function bake(scene, name, ...extra) {
+  run('bake', scene, '-o', file(name), '--quality', 'draft', '--quiet', '--report', file(`${name}.json`), ...extra)
+  return file(name)
+}
+
+/** Serves a file, opens the page, and ends both when `use` is done. The page must have complained about nothing. */
+async function view(args, use, context = {}) {
+  const server = spawn(PROGRAM, ['view', '--quiet', ...args])
+  const url = await new Promise((resolve, reject) => {
+    server.stdout.once('data', (data) => resolve(String(data).trim()))
+    server.stderr.once('data', (data) => reject(new Error(String(data))))
+  })
+  const page = await browser.newPage({ viewport: { width: 512, height: 512 }, ...context })
+  const complaints = []
+  page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
+  page.on('pageerror', (error) => complaints.push(String(error)))
+  page.on('request', (asked) => asked.url().startsWith(url) || asked.url().startsWith('data:') || complaints.push(asked.url()))
+  try {
+    await page.goto(url)
+    await page.waitForFunction(() => globalThis.ready === true)
+    await use(page, url)
+    assert.deepEqual(complaints, [])
+  } finally {
+    await page.close()
+    server.kill()
+  }
+}
+
+/** The scene as bytes, from the top, with some of the state changed; the atlas is off. */
+const shot = (page, changes) =>
+  page.evaluate((changes) => {
+    const { state, renderer, paint } = globalThis.lightkiln
+    document.getElementById('show-atlas').checked = false
+    Object.assign(state, changes)
+    paint()
+    const { gl, canvas } = renderer
+    const pixels = new Uint8Array(4 * canvas.width * canvas.height)
+    gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels)
+    const rows = []
+    for (let row = canvas.height - 1; row >= 0; row--) rows.push(...pixels.subarray(4 * row * canvas.width, 4 * (row + 1) * canvas.width))
+    return rows
+  }, changes)
+
+/** A picture file as bytes. */
+const decoded = (page, png) =>
+  page.evaluate(async (data) => {
+    const image = new Image()
+    image.src = `data:image/png;base64,${data}`
+    await image.decode()
+    const canvas = Object.assign(document.createElement('canvas'), { width: image.width, height: image.height })
+    const context = canvas.getContext('2d')
+    context.drawImage(image, 0, 0)
+    return [...context.getImageData(0, 0, image.width, image.height).data]
+  }, readFileSync(png).toString('base64'))
+
+function difference(a, b) {
+  assert.equal(a.length, b.length)
+  let square = 0
+  let large = 0
+  for (let i = 0; i < a.length; i++) {
+    if (i % 4 === 3) continue
+    square += (a[i] - b[i]) ** 2
+    if (Math.abs(a[i] - b[i]) > 8) large++
+  }
+  const count = (a.length / 4) * 3
+  return { rmse: Math.sqrt(square / count) / 255, large: large / count }
+}
+
+test('the page shows what the program renders, layer by layer', async (t) => {
+  const baked = bake(join(ROOT, 'data/cornell.glb'), 'cornell.glb', '--signal', 'ao+irradiance')
+  await view([baked], async (page) => {
+    for (const layer of [0, 1]) {
+      run('render', baked, '-o', file('cpu.png'), '--mode', 'light', '--size', '512', '--layer', String(layer), '--quiet')
+      const shown = await shot(page, { left: 'hybrid', divider: 1, layer })
+      const { rmse, large } = difference(shown, await decoded(page, file('cpu.png')))
+      t.diagnostic(`layer ${layer}: RMSE ${rmse.toFixed(4)}, ${(100 * large).toFixed(2)} % differ by more than 8 of 255`)
+      // Edges are smoothed by other places within a pixel; surfaces agree.
+      assert.ok(rmse < 0.015 && large < 0.01, `layer ${layer}: RMSE ${rmse}, ${large} of the pixels differ`)
+    }
+    run('render', baked, '-o', file('cpu.png'), '--mode', 'classes', '--size', '512', '--quiet')
+    const shown = await shot(page, { overlay: 'classes' })
+    const { rmse, large } = difference(shown, await decoded(page, file('cpu.png')))
+    assert.ok(rmse < 0.02 && large < 0.02, `classes: RMSE ${rmse}, ${large} of the pixels differ`)
+  })
+})
+
+test('a table of colors shows what packed codes show', async () => {
+  const scene = join(ROOT, 'data/cornell.glb')
+  const baked = bake(scene, 'table.glb', '--signal', 'irradiance', '--table')
+  await view([baked], async (page) => {
+    run('render', baked, '-o', file('cpu.png'), '--mode', 'light', '--size', '512', '--quiet')
+    const { rmse } = difference(await shot(page, { left: 'hybrid', divider: 1 }), await decoded(page, file('cpu.png')))
+    assert.ok(rmse < 0.015, `RMSE ${rmse}`)
+  })
+})
+
+test('every way of showing and every overlay is a picture of its own', async () => {
+  const baked = bake(join(ROOT, 'data/cornell_box.glb'), 'box.glb')
+  await view([baked, '--trace', '20000', '--report', `${baked}.json`], async (page) => {
+    const pictures = []
+    for (const left of ['hybrid', 'vertices', 'fallback', 'none']) pictures.push([left, await shot(page, { left, divider: 1, overlay: 'none' })])
+    for (const overlay of ['classes', 'charts', 'density', 'error']) pictures.push([overlay, await shot(page, { left: 'hybrid', overlay })])
+    pictures.push(['wireframe', await shot(page, { overlay: 'none', wireframe: true })])
+    for (const [name, pixels] of pictures) {
+      const dark = pixels.filter((v, i) => i % 4 === 0 && v < 8).length
+      assert.ok(dark < pixels.length / 8, `${name} is black`)
+      for (const [other, others] of pictures) {
+        if (other !== name) assert.ok(difference(pixels, others).rmse > 0.001, `${name} is ${other}`)
+      }
+    }
+    // Left and right of the divider are what the two are alone.
+    const [hybrid, none] = [pictures[0][1], pictures[3][1]]
+    const both = await shot(page, { left: 'hybrid', right: 'none', divider: 0.5, wireframe: false })
+    const mixed = both.filter((v, i) => v !== ((i / 4) % 512 < 256 ? hybrid : none)[i]).length
+    assert.ok(mixed < both.length * 1e-3, `${mixed} bytes differ`)
+    assert.match(await page.locator('#figures').textContent(), /light on the GPU[\d.]+ [kM]?i?B.*RMSE/)
+  })
+})
+
+test('pointing at the scene finds the texel, and pointing at the texel finds the triangle', async () => {
+  const baked = bake(join(ROOT, 'data/cornell_box.glb'), 'hover.glb')
+  await view([baked], async (page) => {
+    // The middle of each texture triangle that is seen, in the scene and in the atlas.
+    const places = await page.evaluate(() => {
+      const { state, model, renderer } = globalThis.lightkiln
+      const { width, height } = renderer.canvas.getBoundingClientRect()
+      const matrix = state.camera.clipFromWorld(width, height)
+      const found = []
+      for (let triangle = 0; triangle < model.indices.length / 3; triangle++) {
+        if (model.kind(triangle) !== 'texture') continue
+        const corners = [...model.corners(triangle)]
+        const middle = [0, 1, 2].map((k) => corners.reduce((sum, v) => sum + model.position(v)[k] / 3, 0)).concat(1)
+        const clip = [0, 1, 2, 3].map((row) => middle.reduce((sum, v, k) => sum + matrix[4 * k + row] * v, 0))
+        const scene = [((1 + clip[0] / clip[3]) / 2) * width, ((1 - clip[1] / clip[3]) / 2) * height]
+        const place = [0, 1].map((k) => corners.reduce((sum, v) => sum + model.place(v)[k] / 3, 0))
+        const { box, middle: from, zoom } = state.atlas
+        const atlas = [(box.left + box.right) / 2 + (place[0] - from[0]) * zoom, (box.top + box.bottom) / 2 + (place[1] - from[1]) * zoom]
+        found.push({ triangle, scene, atlas, inScene: renderer.pick(state, ...scene, false)?.triangle, inAtlas: renderer.pick(state, ...atlas, true)?.triangle, place })
+      }
+      return found
+    })
+    assert.ok(places.length > 20)
+    for (const { triangle, inAtlas } of places) assert.equal(inAtlas, triangle)
+    const seen = places.filter(({ triangle, inScene }) => inScene === triangle)
+    assert.ok(seen.length > places.length / 4, `${seen.length} of ${places.length} are seen`)
+    const { triangle, atlas, place } = places[0]
+    await page.mouse.move(...atlas)
+    await page.waitForFunction(() => document.getElementById('hover').textContent !== '')
+    const text = await page.locator('#hover').textContent()
+    assert.match(text, new RegExp(`triangle ${triangle}, texture, texel `))
+    const texel = text.match(/texel (\d+), (\d+)/).slice(1).map(Number)
+    texel.forEach((t, k) => assert.ok(Math.abs(t + 0.5 - place[k]) < 1.5, `${text}, but ${place}`))
+  })
+})
+
+test('keys and touch do what the list of keys says', async () => {
+  const baked = bake(join(ROOT, 'data/column.glb'), 'column.glb')
+  const state = (page) => page.evaluate(() => {
+    const { camera, divider, left, right, overlay, materials, wireframe } = globalThis.lightkiln.state
+    return { azimuth: camera.azimuth, elevation: camera.elevation, distance: camera.distance, target: camera.target, divider, left, right, overlay, materials, wireframe }
+  })
+  await view([baked], async (page) => {
+    const start = await state(page)
+    for (const key of ['ArrowLeft', 'ArrowUp', '+', ']', 'x', '3', 'm', 'w', 'Shift+ArrowRight']) await page.keyboard.press(key)
+    const now = await state(page)
+    assert.ok(now.azimuth !== start.azimuth && now.elevation > start.elevation && now.distance < start.distance)
+    assert.notDeepEqual(now.target, start.target)
+    assert.deepEqual([now.left, now.right], [start.right, start.left])
+    assert.deepEqual([now.overlay, now.materials, now.wireframe, now.divider], ['density', true, true, 0.55])
+    await page.keyboard.press('r')
+    assert.equal((await state(page)).azimuth, start.azimuth)
+    await page.keyboard.press('?')
+    assert.ok(await page.locator('#keys').isVisible())
+  })
+  const phone = { viewport: { width: 390, height: 780 }, hasTouch: true, isMobile: true, colorScheme: 'dark' }
+  await view([baked], async (page) => {
+    const start = await state(page)
+    await page.touchscreen.tap(150, 430)
+    await page.waitForFunction(() => document.getElementById('hover').textContent !== '')
+    const client = await page.context().newCDPSession(page)
+    const touch = (type, ...points) => client.send('Input.dispatchTouchEvent', { type, touchPoints: points.map(([x, y], id) => ({ x, y, id })) })
+    await touch('touchStart', [60, 300], [150, 300])
+    await touch('touchMove', [20, 300], [165, 300])
+    await touch('touchEnd')
+    assert.ok((await state(page)).distance < start.distance * 0.8, 'a pinch comes closer')
+    const width = await page.evaluate(() => document.documentElement.scrollWidth)
+    assert.equal(width, 390)
+  }, phone)
+})
+
+test('the server answers this machine alone, and an export is the same site', async () => {
+  const baked = bake(join(ROOT, 'data/contact.glb'), 'contact.glb')
+  run('view', baked, '--export', file('site'), '--quiet')
+  await view([baked], async (page, url) => {
+    const { port } = new URL(url)
+    const ask = (path, headers = {}) => new Promise((resolve) => {
+      request({ host: '127.0.0.1', port, path, headers, agent: false }, (answer) => {
+        const chunks = []
+        answer.on('data', (chunk) => chunks.push(chunk)).on('end', () => resolve([answer.statusCode, Buffer.concat(chunks)]))
+      }).end()
+    })
+    assert.equal((await ask('/', { host: 'evil.example' }))[0], 403)
+    assert.equal((await ask('/../Cargo.toml'))[0], 404)
+    for (const name of readdirSync(file('site'))) {
+      const [status, bytes] = await ask(`/${name}`)
+      assert.equal(status, 200)
+      assert.ok(bytes.equals(readFileSync(join(file('site'), name))), name)
+    }
+  })
+})
+
+for (const name of ['duck.draco.glb', 'turbocharger.meshopt_quantized.glb', 'glass_vase_flowers.glb', 'flight_helmet.glb']) {
+  const path = join(SCENES, name)
+  test(`${name} is shown`, { skip: existsSync(path) ? false : 'it is not there' }, async () => {
+    const baked = bake(path, name, '--samples', '20000', '--max-error', '0.1')
+    await view([baked], async (page) => {
+      const [shown, none] = [await shot(page, { left: 'hybrid', divider: 1 }), await shot(page, { left: 'none' })]
+      assert.ok(difference(shown, none).rmse > 0.01)
+      const scene = new Set(shown.filter((_, i) => i % 4 === 0))
+      assert.ok(scene.size > 50, `${scene.size} grays`)
+    })
+  })
+}
+
+test('the report is a page of less than 2 MB that shows itself in light, dark and on paper', async () => {
+  run('bake', join(ROOT, 'data/cornell_box.glb'), '-o', file('report.glb'), '--quality', 'draft', '--quiet', '--report', file('report.html'))
+  const html = readFileSync(file('report.html'))
+  assert.ok(html.length < 2e6, `${html.length} bytes`)
+  for (const colorScheme of ['light', 'dark']) {
+    const context = await browser.newContext({ colorScheme, javaScriptEnabled: false, offline: true, viewport: { width: 390, height: 800 } })
+    const page = await context.newPage()
+    const complaints = []
+    page.on('console', (message) => complaints.push(message.text()))
+    page.on('request', (asked) => asked.url().startsWith('http') && complaints.push(asked.url()))
+    await page.goto(`file://${file('report.html')}`)
+    assert.equal(await page.locator('figure img').count(), 4)
+    const boxes = await Promise.all((await page.locator('figure img').all()).map((image) => image.boundingBox()))
+    assert.ok(boxes.every(({ width, height }) => width > 100 && height > 100), 'pictures decode')
+    assert.ok(complaints.length === 0, complaints.join('\n'))
+    const pdf = await page.pdf({ format: 'A4' })
+    assert.ok(pdf.length > 20_000)
+    await context.close()
+  }
+})
