@@ -113,6 +113,11 @@ impl Layers {
         self.units(estimates.means().to_vec(), variances(estimates))
     }
 
+    /// Whether any layer is light whose noise is filtered away.
+    pub fn are_filtered(&self) -> bool {
+        self.layers.iter().any(BakedLayer::is_light)
+    }
+
     /// The same with the noise of paths of light filtered away where neighbours allow it ([`denoise`]).
     ///
     /// - `points`: of the estimates
@@ -124,7 +129,7 @@ impl Layers {
         estimates: &Estimates,
         radius: f32,
     ) -> UnitLight {
-        if self.layers.iter().all(|l| !l.is_light()) {
+        if !self.are_filtered() {
             return self.light(estimates);
         }
         let (mut values, mut all) = (estimates.means().to_vec(), variances(estimates));

@@ -110,9 +110,11 @@ pub fn light_fit_classify(
     refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
     let mut weights = weights(surface, &samples, &estimates);
     let layers = Layers::new(signal, &estimates, &weights, plan.white);
+    // Filtering takes longer than tracing a few rays too many.
+    let growth = if layers.are_filtered() { 4 } else { 2 };
     let mut densified = 0;
     loop {
-        clock.stage("fit");
+        clock.stage("filter");
         let light =
             layers.filtered_light(&surface.mesh, &samples.points, &estimates, FILTER_RADIUS * plan.radius);
         clock.stage("fit");
@@ -124,7 +126,7 @@ pub fn light_fit_classify(
         for (triangle, _) in verdicts.iter().enumerate().filter(|(_, v)| **v == Verdict::Open) {
             for sample in samples.of_triangle(TriangleId(triangle as u32)) {
                 if weights[sample] > 0.0 && wanted[sample] < most {
-                    wanted[sample] = (wanted[sample] * 2).min(most);
+                    wanted[sample] = (wanted[sample] * growth).min(most);
                     open += 1;
                 }
             }

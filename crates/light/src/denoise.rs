@@ -77,7 +77,7 @@ const CAREFUL: f32 = 1.25;
 const LEVEL: f32 = 0.05;
 /// Where points lie closer (small parts of a model have samples of their own), so many of them are enough to look at:
 /// an even surface has about a hundred at four spacings.
-const MOST_CANDIDATES: usize = 400;
+const MOST_CANDIDATES: usize = 256;
 /// A value whose own variance is this much larger than its surroundings' counts less, by the ratio: one path in
 /// thousands finds a lamp in a mirror of mirrors, and its light would be seen as a spot.
 const OUTLIER: f32 = 4.0;

@@ -139,5 +139,7 @@ fn lift(mesh: &Mesh, point: SurfacePoint, position: Vec3, side: f32, geometric: 
     // Neighbours may be tilted to the other side of the vertex normal by as much.
     let sine = (1.0 - least * least).max(0.0).sqrt();
     let below = if least > FRAC_1_SQRT_2 { 2.0 * least * sine } else { 1.0 };
-    (below > 1e-3 && offset.dot(geometric) > 0.0).then_some(Lift { offset, below })
+    // Beside a corner the offset may be so small that it has no direction.
+    let lifts = below > 1e-3 && offset.length_squared().is_normal() && offset.dot(geometric) > 0.0;
+    lifts.then_some(Lift { offset, below })
 }

@@ -356,3 +356,15 @@ fn leg_in_the_floor_leaves_no_spot() {
     let (open, seen) = both(&foot);
     assert!((0..2).all(|i| open.valid(i) && close(&open, i, 0.5) && seen.valid(i) && seen.mean(i)[0] == 1.0));
 }
+
+#[test]
+fn point_a_hair_beside_a_corner_has_light_like_any_other() {
+    let mesh = Builder::default().sphere(Vec3::ZERO, 1.0, 8, 8, true).mesh();
+    let points: Vec<_> = mesh
+        .triangle_ids()
+        .filter(|&t| mesh.area(t) > 0.0)
+        .flat_map(|triangle| [1e-22, 1e-30, 1e-38].map(|u| SurfacePoint { triangle, barycentric: [u, 0.0] }))
+        .collect();
+    let lit = shadow(&mesh, Vec3::new(0.5, 0.3, 0.8).normalize(), &points);
+    assert!((0..points.len()).all(|i| (0.0..=1.0).contains(&lit.mean(i)[0])));
+}
