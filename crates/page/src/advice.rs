@@ -59,7 +59,7 @@ fn larger_detail(report: &Report) -> Option<Advice> {
     let detail = report.settings.detail * std::f32::consts::SQRT_2;
     (texels > 0).then(|| Advice {
         saves: Some(texels / 2),
-        what: format!("keep less detail: --detail {detail:.4} instead of {:.4}", report.settings.detail),
+        what: format!("keep less detail: --detail {} instead of {}", digits(detail), digits(report.settings.detail)),
         why: format!(
             "texels take {} ({:.0} % of the light) and are as many as the square of 1 / detail: a detail larger by the root \
              of 2 halves them. Estimate: it takes the same triangles for texture.",
@@ -69,36 +69,51 @@ fn larger_detail(report: &Report) -> Option<Advice> {
     })
 }
 
-/// The share of points whose error is at least the lower end of the bin that a bound lies in, and of those at least twice
-/// the bound: bins are half a doubling wide.
-fn shares_beyond(histogram: &[u32; BINS], bound: f32) -> Option<[f64; 2]> {
-    let bin = (0..BINS).find(|&b| bound < bin_range(b)[1])?;
+/// The edge between bins that is nearest to a bound, and the shares of the points whose error is at least that and at
+/// least twice that: bins are half a doubling wide.
+fn shares_beyond(histogram: &[u32; BINS], bound: f32) -> Option<(f32, [f64; 2])> {
+    let distance = |&bin: &usize| (bin_range(bin)[0] / bound).log2().abs();
+    let bin = (1..BINS - 2).min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
     let total: u32 = histogram.iter().sum();
     let share = |from: usize| {
         histogram.iter().skip(from).map(|&n| f64::from(n)).sum::<f64>() / f64::from(total.max(1))
     };
-    (bin > 0 && bin + 2 < BINS && total > 0).then(|| [share(bin), share(bin + 2)])
+    (distance(&bin) <= 0.5 && total > 0).then(|| (bin_range(bin)[0], [share(bin), share(bin + 2)]))
 }
 
 fn larger_bound(report: &Report) -> Option<Advice> {
     let bound = report.settings.max_error;
     let histogram = report.errors.least_squares.as_ref()?.histogram?;
-    let [now, then] = shares_beyond(&histogram, bound)?;
+    let (edge, [now, then]) = shares_beyond(&histogram, bound)?;
     let texels = texel_bytes(report);
     if texels == 0 || now <= 0.0 || then >= now {
         return None;
     }
     Some(Advice {
         saves: Some((texels as f64 * (1.0 - then / now)) as u64),
-        what: format!("allow twice the error: --max-error {:.3}", 2.0 * bound),
+        what: format!("allow twice the error: --max-error {}", digits(2.0 * bound)),
         why: format!(
-            "vertex values alone err by more than about {bound:.3} at {:.2} % of the fresh points and by more than about \
-             {:.3} at {:.2} %. Estimate: texels shrink as these shares do.",
+            "vertex values alone err by more than {} at {:.2} % of the fresh points and by more than {} at {:.2} %. \
+             Estimate: texels shrink as these shares do.",
+            digits(edge),
             100.0 * now,
-            2.0 * bound,
+            digits(2.0 * edge),
             100.0 * then
         ),
     })
+}
+
+/// A number of three digits, as a command line takes it.
+fn digits(value: f32) -> String {
+    if value <= 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let decimals = (2 - value.log10().floor() as i32).max(0) as usize;
+    let text = format!("{value:.decimals$}");
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text,
+    }
 }
 
 fn eight_bits(report: &Report) -> Option<Advice> {
@@ -203,7 +218,7 @@ fn vertices_enough(report: &Report) -> Option<Advice> {
     let saved = report.bytes.total.checked_sub(report.bytes.vertices_only).filter(|&b| b > 0)?;
     (least.points > 0 && least.p99 < 2.0 * report.settings.max_error).then(|| Advice {
         saves: Some(saved),
-        what: format!("go without texels: --max-error {:.3}", least.p99),
+        what: format!("go without texels: --max-error {}", digits(least.p99)),
         why: format!(
             "vertex values alone err by at most {:.3} at 99 % of the fresh points and by at most {:.3} anywhere among them; \
              they cost {}. At that bound nearly all triangles show them.",
@@ -220,11 +235,36 @@ fn coarse_texels(report: &Report) -> Option<Advice> {
     let share = percent(bound.texture_points_beyond as u64, bound.texture_points as u64);
     (share >= 1.0).then(|| Advice {
         saves: None,
-        what: format!("to be closer to the light: --detail {:.4}", report.settings.detail / 2.0),
+        what: format!("to be closer to the light: --detail {}", digits(report.settings.detail / 2.0)),
         why: format!(
             "{share:.1} % of the fresh points in texture triangles lie beyond the bound, because texels are too coarse there. \
              Half the detail costs about four times their {}.",
             bytes_text(texel_bytes(report))
         ),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_are_three_at_any_size() {
+        assert_eq!(
+            [0.000_551, 0.03, 0.060_000_1, 1.0, 1234.5].map(digits),
+            ["0.000551", "0.03", "0.06", "1", "1234"]
+        );
+        assert_eq!(digits(0.0), "0");
+    }
+
+    #[test]
+    fn shares_beyond_a_bound_are_those_of_the_nearest_edge() {
+        let mut histogram = [0; BINS];
+        histogram[10] = 60; // from 0.022 on
+        histogram[11] = 30; // from 0.031 on
+        histogram[13] = 10; // from 0.0625 on
+        assert_eq!(shares_beyond(&histogram, 0.03), Some((0.031_25, [0.4, 0.1])));
+        assert_eq!(shares_beyond(&histogram, 1e-6), None);
+        assert_eq!(shares_beyond(&[0; BINS], 0.03), None);
+    }
 }

@@ -59,7 +59,7 @@ pub fn bars(title: &str, bars: &[Bar]) -> String {
         let _ = write!(out, "<text x=\"{:.1}\" y=\"{middle:.1}\">{total}</text>", x + 8.0);
     }
     out.push_str("</svg>\n");
-    out
+    wide(&out)
 }
 
 /// One bar over the whole width, whose pieces are shares of it, with a legend under it.
@@ -148,7 +148,12 @@ pub fn histogram(
         );
     }
     out.push_str("</svg>\n");
-    out
+    wide(&out)
+}
+
+/// On a small screen a chart keeps a size at which its text can be read, and is moved under the finger.
+fn wide(svg: &str) -> String {
+    format!("<div class=\"scroll\">{svg}</div>\n")
 }
 
 fn open(title: &str, width: f64, height: f64) -> String {
