@@ -172,8 +172,6 @@ struct Gathered {
     model: Model,
     /// First vertex of each part.
     firsts: Vec<u32>,
-    /// Per part, per triangle: its vertices among those of the part; as in the scene.
-    triangles: Vec<Vec<[u32; 3]>>,
 }
 
 /// Coverage below which a triangle counts as glass, which the page looks through.
@@ -197,7 +195,7 @@ fn gather(scene: &Scene, file: &str) -> Result<Gathered, Failure> {
         layers: lightmap.layers.iter().map(layer).collect::<Result<_, _>>()?,
         ..Model::default()
     };
-    let (mut firsts, mut triangles) = (Vec::new(), Vec::new());
+    let mut firsts = Vec::new();
     for (number, part) in scene.parts.iter().enumerate() {
         let first = model.positions.len() as u32;
         firsts.push(first);
@@ -241,9 +239,8 @@ fn gather(scene: &Scene, file: &str) -> Result<Gathered, Failure> {
                 corners.iter().zip(values).for_each(|(&v, &x)| model.fallback[(v + first) as usize] = x);
             }
         }
-        triangles.push(part.triangles.clone());
     }
-    Ok(Gathered { model, firsts, triangles })
+    Ok(Gathered { model, firsts })
 }
 
 /// A layer with its images, still without codes.
@@ -295,13 +292,13 @@ fn trace(
     let channels = studio.layers.channels();
     for (layer, baked) in model.layers.iter_mut().zip(&studio.layers.layers) {
         layer.vertex_codes = layer.codes.clone();
-        for (part, triangles) in gathered.triangles.iter().enumerate() {
-            let ids = studio.surface.triangles_of_part(part);
-            for (id, corners) in ids.zip(triangles) {
+        for (number, part) in studio.surface.scene.parts.iter().enumerate() {
+            let ids = studio.surface.triangles_of_part(number);
+            for (id, corners) in ids.zip(&part.triangles) {
                 for (light, own) in mesh.triangles[id.index()].iter().zip(corners) {
                     let at = light.index() * channels;
                     let value = LightCode::color_of(&values[at..at + channels][baked.channels()]);
-                    layer.vertex_codes[(gathered.firsts[part] + own) as usize] = value;
+                    layer.vertex_codes[(gathered.firsts[number] + own) as usize] = value;
                 }
             }
         }

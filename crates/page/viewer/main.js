@@ -14,9 +14,13 @@ try {
   const model = await load()
   start(model, new Renderer(at('view'), model))
 } catch (error) {
-  at('failure').textContent = `The scene cannot be shown: ${error.message}`
-  at('failure').hidden = false
+  fail(`The scene cannot be shown: ${error.message}`)
   throw error
+}
+
+function fail(text) {
+  at('failure').textContent = text
+  at('failure').hidden = false
 }
 
 function start(model, renderer) {
@@ -76,9 +80,13 @@ function start(model, renderer) {
     const percent = 100 * state.divider
     at('divider').style.left = `${percent}%`
     at('divider').setAttribute('aria-valuenow', Math.round(percent))
-    for (const side of ['left-name', 'right-name']) at(side).style.left = `${percent}%`
+    // Names keep clear of the atlas, which is above them on a phone.
+    const edge = innerWidth > 704 && model.hasAtlas && at('show-atlas').checked ? at('atlas').getBoundingClientRect().left : innerWidth
+    const here = state.divider * innerWidth
+    at('left-name').style.left = `${Math.min(here, edge)}px`
+    at('right-name').style.left = `${here}px`
     at('left-name').hidden = state.divider < 0.12
-    at('right-name').hidden = state.divider > 0.88
+    at('right-name').hidden = here + at('right-name').offsetWidth > edge
     const page = about.pageSize
     at('atlas-name').textContent = model.hasAtlas ? `atlas, ${about.layers[state.layer].pages} × ${page[0]} × ${page[1]}, ${about.layers[state.layer].bits} bits` : ''
     draw()
@@ -109,7 +117,7 @@ function start(model, renderer) {
   for (const name of ['left', 'right', 'overlay']) at(name).addEventListener('change', (event) => set({ [name]: event.target.value }))
   for (const name of ['materials', 'wireframe']) at(name).addEventListener('change', (event) => set({ [name]: event.target.checked }))
   at('exposure').addEventListener('input', (event) => set({ exposure: Number(event.target.value) }))
-  at('show-atlas').addEventListener('change', draw)
+  at('show-atlas').addEventListener('change', update)
   at('help').addEventListener('click', () => at('keys').showModal())
   at('reset').addEventListener('click', reset)
   at('controls').addEventListener('submit', (event) => event.preventDefault())
@@ -130,6 +138,7 @@ function start(model, renderer) {
 
   // Pointers on the scene: one turns, a second one moves and comes closer.
   const canvas = at('view')
+  canvas.addEventListener('webglcontextlost', () => fail('The graphics system has dropped the page: load it again.'))
   gestures(canvas, {
     drag: (dx, dy, moves) => {
       const height = canvas.clientHeight
@@ -225,7 +234,7 @@ function start(model, renderer) {
     act()
   })
 
-  addEventListener('resize', draw)
+  addEventListener('resize', update)
   layerChosen()
   // A phone has no room for everything at once.
   if (innerWidth < 700) at('panel').open = false

@@ -71,6 +71,11 @@ export class Renderer {
     const one = layer.numbers === 1
     const pages = Math.max(1, layer.pages)
     const deep = layer.bits === 16
+    const limit = gl.getParameter(gl.MAX_TEXTURE_SIZE)
+    const most = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS)
+    if (Math.max(width, height) > limit || pages > most) {
+      throw new Error(`the atlas has ${pages} pages of ${width} × ${height}, and this browser takes ${most} of ${limit} × ${limit}`)
+    }
     const atlas = gl.createTexture()
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, atlas)
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1)
