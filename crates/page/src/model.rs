@@ -25,6 +25,8 @@ pub struct LayerModel {
     pub white: f32,
     /// The uniform `scale` of the shaders: P(low), P(high) - P(low), white.
     pub scale: [f32; 3],
+    /// What values are clamped to after interpolation, if they are.
+    pub clamp: Option<[f32; 2]>,
     /// Unit of the range.
     pub unit: String,
     /// Per vertex.
@@ -238,6 +240,7 @@ impl LayerModel {
             "range": self.range,
             "white": self.white,
             "scale": self.scale,
+            "clamp": self.clamp,
             "unit": self.unit,
             "form": form,
             "bits": self.bits,

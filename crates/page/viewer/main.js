@@ -27,7 +27,7 @@ function start(model, renderer) {
   const { about } = model
   const state = {
     camera: new Camera(about.bounds), layer: 0, left: 'hybrid', right: model.has('vertexCodes0') ? 'vertices' : 'none', divider: 0.5, overlay: 'none',
-    materials: false, wireframe: false, exposure: 0, atlas: undefined, picked: undefined,
+    materials: false, wireframe: false, exposure: 0, harmonics: false, atlas: undefined, picked: undefined,
   }
   const atlas = { middle: [0, 0], zoom: 1, box: undefined }
   let waiting = false
@@ -53,7 +53,9 @@ function start(model, renderer) {
   document.title = `${about.name} - Lightkiln`
   at('name').textContent = about.name
   const options = (list) => list.map(([value, text]) => Object.assign(document.createElement('option'), { value, textContent: text }))
-  at('layer').append(...options(about.layers.map((layer, number) => [number, layer.signal])))
+  const choices = about.layers.map((layer, number) => [String(number), layer.signal])
+  if (model.harmonics.length > 0) choices.push(['harmonics', 'irradiance at the normal'])
+  at('layer').append(...options(choices))
   const known = (name, layer) => ({ vertices: model.has(`vertexCodes${layer}`), fallback: model.has('fallback') && layer === 0 })[name] ?? true
 
   function layerChosen() {
@@ -68,7 +70,7 @@ function start(model, renderer) {
 
   /** Shows in the controls what the state says, and draws. */
   function update() {
-    at('layer').value = state.layer
+    at('layer').value = state.harmonics ? 'harmonics' : state.layer
     for (const side of ['left', 'right']) {
       at(side).value = state[side]
       at(`${side}-name`).textContent = SHOWN[state[side]]
@@ -96,8 +98,10 @@ function start(model, renderer) {
     Object.assign(state, changes)
     update()
   }
-  const setLayer = (layer) => {
-    state.layer = layer
+  /** A layer by its number, or `harmonics`: those of irradiance together, of which the atlas shows the first. */
+  const setLayer = (choice) => {
+    state.harmonics = choice === 'harmonics'
+    state.layer = state.harmonics ? model.harmonics[0] : Number(choice)
     layerChosen()
     update()
   }
@@ -113,7 +117,7 @@ function start(model, renderer) {
     at('figures').append(dt, dd)
   }
 
-  at('layer').addEventListener('change', (event) => setLayer(Number(event.target.value)))
+  at('layer').addEventListener('change', (event) => setLayer(event.target.value))
   for (const name of ['left', 'right', 'overlay']) at(name).addEventListener('change', (event) => set({ [name]: event.target.value }))
   for (const name of ['materials', 'wireframe']) at(name).addEventListener('change', (event) => set({ [name]: event.target.checked }))
   at('exposure').addEventListener('input', (event) => set({ exposure: Number(event.target.value) }))
@@ -220,7 +224,7 @@ function start(model, renderer) {
       '[': () => setDivider(state.divider - 0.05), ']': () => setDivider(state.divider + 0.05),
       '{': () => setDivider(0), '}': () => setDivider(1),
       x: () => set({ left: state.right, right: state.left }),
-      l: () => setLayer((state.layer + 1) % about.layers.length),
+      l: () => setLayer(choices[(at('layer').selectedIndex + 1) % choices.length][0]),
       m: () => set({ materials: !state.materials }),
       w: () => set({ wireframe: !state.wireframe }),
       a: () => at('show-atlas').click(),

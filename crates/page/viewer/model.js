@@ -35,6 +35,15 @@ export class Model {
     return this.about.layers[0].pages > 0
   }
 
+  /** The layers irradianceSh0 to 3 or 8, in their order; none unless they can be looked at together. */
+  get harmonics() {
+    const { layers } = this.about
+    const named = (k) => layers.findIndex(({ signal, form }) => signal === `irradianceSh${k}` && form === 'rgb')
+    const found = [...Array(9).keys()].map(named)
+    const count = found.includes(-1) ? 4 : 9
+    return found.slice(0, count).includes(-1) ? [] : found.slice(0, count)
+  }
+
   /** Texels of a layer's pages, or of its table. */
   texels(layer, name) {
     return this.numbers(name, layer.bits === 16 && name.startsWith('page') ? Uint16Array : Uint8Array)

@@ -2,7 +2,7 @@
 // under the pointer.
 
 import { Camera } from './camera.js'
-import { ATTRIBUTES, programs } from './shaders.js'
+import { ATTRIBUTES, harmonics, programs } from './shaders.js'
 
 const OVERLAYS = ['none', 'classes', 'charts', 'density', 'error']
 const SOURCES = { hybrid: 0, vertices: 0, fallback: 1, none: 2 }
@@ -160,7 +160,9 @@ export class Renderer {
     gl.enable(gl.DEPTH_TEST)
     gl.depthFunc(gl.LEQUAL)
     const view = { clipFromWorld: matrix, inAtlas: 0, atlasView: [0, 0, 1, 1] }
-    this.surface(state, show, view)
+    const together = state.harmonics && state.overlay === 'none' && (show === 'hybrid' || show === 'vertices')
+    if (together) this.harmonics(state, show, matrix)
+    else this.surface(state, show, view)
     this.triangles(this.indices)
     if (state.overlay === 'error' && model.has('errors')) this.errors(state, matrix)
     if (state.wireframe) {
@@ -199,6 +201,43 @@ export class Renderer {
     gl.uniform3fv(uniforms.eye, state.camera.eye())
   }
 
+  /** As `surface`, of all layers of harmonics together. */
+  harmonics(state, show, matrix) {
+    const { gl, model } = this
+    const layers = model.harmonics
+    const codes = show === 'vertices' ? 'vertexCodes' : 'codes'
+    const name = `harmonics ${codes}`
+    this.programs.harmonics ??= harmonics(gl, layers.length)
+    if (!this.arrays.has(name)) {
+      const array = gl.createVertexArray()
+      gl.bindVertexArray(array)
+      const attribute = (location, section, size, type, normalized, stride) => {
+        gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer(section))
+        gl.enableVertexAttribArray(location)
+        gl.vertexAttribPointer(location, size, type, normalized, stride, 0)
+      }
+      attribute(ATTRIBUTES.position, 'positions', 3, gl.FLOAT, false, 12)
+      attribute(ATTRIBUTES.normal, 'normals', 3, gl.BYTE, true, 4)
+      attribute(ATTRIBUTES.base, 'baseColors', 3, gl.UNSIGNED_BYTE, true, 4)
+      layers.forEach((layer, k) => attribute(ATTRIBUTES.code + k, `${codes}${layer}`, 2, gl.UNSIGNED_SHORT, false, 4))
+      this.arrays.set(name, array)
+    }
+    gl.bindVertexArray(this.arrays.get(name))
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices.buffer)
+    const { made, uniforms } = this.programs.harmonics
+    gl.useProgram(made)
+    gl.uniformMatrix4fv(uniforms.clipFromWorld, false, matrix)
+    layers.forEach((layer, k) => {
+      gl.activeTexture(gl.TEXTURE0 + k)
+      // A unit has a place for each kind of texture: a table that stands there stays.
+      gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.layers[layer].atlas)
+      gl.uniform1i(uniforms[`atlas${k}`], k)
+      gl.uniform3fv(uniforms[`scale${k}`], model.about.layers[layer].scale)
+    })
+    gl.uniform1i(uniforms.materials, state.materials ? 1 : 0)
+    gl.uniform1f(uniforms.exposure, 2 ** state.exposure)
+  }
+
   view(uniforms, { clipFromWorld, inAtlas, atlasView }) {
     const { gl } = this
     gl.uniformMatrix4fv(uniforms.clipFromWorld, false, clipFromWorld)
@@ -216,6 +255,7 @@ export class Renderer {
     gl.bindTexture(gl.TEXTURE_2D, table)
     gl.uniform1i(uniforms.table ?? null, 1)
     gl.uniform3fv(uniforms.scale, about.scale)
+    gl.uniform2fv(uniforms.ends, about.clamp ?? [0, 0])
     gl.uniform1i(uniforms.one, about.channels === 1 ? 1 : 0)
     gl.uniform1i(uniforms.isSigned, about.range[0] < 0 ? 1 : 0)
     gl.uniform1f(uniforms.exposure, about.white > 0 ? 2 ** state.exposure : 1)

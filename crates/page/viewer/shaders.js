@@ -9,7 +9,7 @@ precision highp sampler2D;
 precision highp sampler2DArray;
 `
 
-/** Where attributes lie, in all programs. */
+/** Where attributes lie, in all programs but that of harmonics, whose codes begin at that of the one. */
 export const ATTRIBUTES = { position: 0, normal: 1, base: 2, ids: 3, code: 4, fallback: 5 }
 
 /** Where a vertex stands: in the scene, or in the atlas. */
@@ -80,6 +80,7 @@ in vec3 vFallback;
 flat in uint vChart;
 uniform sampler2DArray atlas;
 uniform vec3 scale;
+uniform vec2 ends; // what is clamped to after interpolation; 0, 0: nothing
 uniform vec3 eye;
 uniform bool one;
 uniform bool isSigned;
@@ -113,6 +114,10 @@ void main() {
 
     vec3 unit = vColor + (one ? texel.rrr : texel);
     vec3 shown = unit;
+    if (ends.x < ends.y) {
+        vec3 value = lightkilnLightClampRgb(lightkilnLightUnscaleRgb(unit, scale), ends);
+        shown = (value - ends.x) / (ends.y - ends.x);
+    }
     if (scale.z > 0.0) {
         vec3 value = lightkilnLightUnscaleRgb(unit, scale) / scale.z * exposure;
         shown = isSigned ? 0.5 + 0.5 * value : value;
@@ -223,6 +228,7 @@ uniform sampler2DArray atlas;
 uniform bool one;
 uniform bool isSigned;
 uniform vec3 scale;
+uniform vec2 ends; // what is clamped to after interpolation; 0, 0: nothing
 uniform float exposure;
 uniform float dim;
 out vec4 color;
@@ -236,6 +242,10 @@ void main() {
     vec3 unit = texelFetch(atlas, ivec3(at.x, at.y % size.y, at.y / size.y), 0).rgb;
     if (one) unit = unit.rrr;
     vec3 shown = unit;
+    if (ends.x < ends.y) {
+        vec3 value = lightkilnLightClampRgb(lightkilnLightUnscaleRgb(unit, scale), ends);
+        shown = (value - ends.x) / (ends.y - ends.x);
+    }
     if (scale.z > 0.0) {
         vec3 value = lightkilnLightUnscaleRgb(unit, scale) / scale.z * exposure;
         shown = isSigned ? 0.5 + 0.5 * value : value;
@@ -244,7 +254,47 @@ void main() {
 }
 `
 
-/** All programs, each with its uniforms by name. */
+/** Irradiance at the normals of the vertices, from 4 or 9 layers that are looked at together. */
+export function harmonics(gl, count) {
+  const each = (line) => [...Array(count).keys()].map(line).join('\n')
+  const vertex = `${HEAD}${VERTEX}
+in vec3 position;
+in vec3 normal;
+in vec3 base;
+${each((k) => `in vec2 code${k};\nout vec3 vColor${k};`)}
+uniform mat4 clipFromWorld;
+out vec3 vNormal;
+out vec3 vBase;
+out vec3 vPlace;
+void main() {
+    vNormal = normal;
+    vBase = base * base;
+    vPlace = lightkilnVertexPlace(code0);
+${each((k) => `    vColor${k} = lightkilnVertexRgb(code${k});`)}
+    gl_Position = clipFromWorld * vec4(position, 1.0);
+}
+`
+  const fragment = `${HEAD}${FRAGMENT}${SHARED}
+in vec3 vNormal;
+in vec3 vBase;
+in vec3 vPlace;
+${each((k) => `in vec3 vColor${k};\nuniform sampler2DArray atlas${k};\nuniform vec3 scale${k};`)}
+uniform bool materials;
+uniform float exposure;
+out vec4 color;
+void main() {
+    vec3 sh[${count}];
+${each((k) => `    sh[${k}] = lightkilnLightUnscaleRgb(lightkilnLightRgb(atlas${k}, vColor${k}, vPlace), scale${k});`)}
+    vec3 light = lightkilnLightSh${count === 4 ? 1 : 2}(sh, normalize(vNormal + vec3(0.0, 1e-9, 0.0)));
+    vec3 shown = light / scale0.z * exposure;
+    color = vec4(encoded(materials ? shown * vBase : shown), 1.0);
+}
+`
+  const codes = [...Array(count).keys()].map((k) => [`code${k}`, ATTRIBUTES.code + k])
+  return program(gl, vertex, fragment, { position: ATTRIBUTES.position, normal: ATTRIBUTES.normal, base: ATTRIBUTES.base, ...Object.fromEntries(codes) })
+}
+
+/** All other programs, each with its uniforms by name. */
 export function programs(gl) {
   return {
     surface: program(gl, SURFACE_VERTEX, SURFACE_FRAGMENT),
@@ -255,7 +305,7 @@ export function programs(gl) {
   }
 }
 
-function program(gl, vertex, fragment) {
+function program(gl, vertex, fragment, attributes = ATTRIBUTES) {
   const made = gl.createProgram()
   for (const [type, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
     const shader = gl.createShader(type)
@@ -263,7 +313,7 @@ function program(gl, vertex, fragment) {
     gl.compileShader(shader)
     gl.attachShader(made, shader)
   }
-  for (const [name, location] of Object.entries(ATTRIBUTES)) gl.bindAttribLocation(made, location, name)
+  for (const [name, location] of Object.entries(attributes)) gl.bindAttribLocation(made, location, name)
   gl.linkProgram(made)
   if (!gl.getProgramParameter(made, gl.LINK_STATUS)) {
     const logs = gl.getAttachedShaders(made).map((shader) => gl.getShaderInfoLog(shader))
