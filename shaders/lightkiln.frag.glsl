@@ -1,5 +1,5 @@
 // Lightkiln, fragment stage: functions for GLSL ES 3.00. Schaefer et al. 2012, section 4.3; CPU twin:
-// crates/encode/src/decode.rs, `fragment`, `AtlasView::lookup` and `unscale`, and crates/light/src/harmonics.rs.
+// crates/encode/src/decode.rs, `fragment`, `AtlasView::lookup`, `unscale` and `clamp`, and crates/light/src/harmonics.rs.
 //
 // Each layer: `unit = C + eta * tex(UV / eta)`, then the way back from unit values to the signal's own unit.
 // The atlas has one layer per page: LINEAR, CLAMP_TO_EDGE, not sRGB.
@@ -53,6 +53,15 @@ vec3 lightkilnLightUnscaleRgb(vec3 unit, vec3 scale) {
     vec3 p = scale.x + unit * scale.y;
     vec3 light = sign(p) * (pow(vec3(LIGHTKILN_CURVE_BASE), abs(p)) - 1.0) * (scale.z / LIGHTKILN_CURVE_KNEE);
     return scale.z > 0.0 ? light : p;
+}
+
+// For layers with a `clamp` in the file, after unscaling: `ends` are its two numbers. (Kavan et al. 2011, section 3.3)
+float lightkilnLightClamp(float light, vec2 ends) {
+    return clamp(light, ends.x, ends.y);
+}
+
+vec3 lightkilnLightClampRgb(vec3 light, vec2 ends) {
+    return clamp(light, ends.x, ends.y);
 }
 
 // Irradiance that arrives at a unit normal (of a normal map, in world space), from the layers irradianceSh0 to 3, unscaled.

@@ -117,6 +117,15 @@ fn lightkilnLightUnscaleRgb(unit: vec3<f32>, scale: vec3<f32>) -> vec3<f32> {
     return select(p, sign(p) * powers * (scale.z / LIGHTKILN_CURVE_KNEE), scale.z > 0.0);
 }
 
+// For layers with a `clamp` in the file, after unscaling: `ends` are its two numbers. (Kavan et al. 2011, section 3.3)
+fn lightkilnLightClamp(light: f32, ends: vec2<f32>) -> f32 {
+    return clamp(light, ends.x, ends.y);
+}
+
+fn lightkilnLightClampRgb(light: vec3<f32>, ends: vec2<f32>) -> vec3<f32> {
+    return clamp(light, vec3<f32>(ends.x), vec3<f32>(ends.y));
+}
+
 // Irradiance that arrives at a unit normal (of a normal map, in world space), from the layers irradianceSh0 to 3, unscaled.
 fn lightkilnLightSh1(sh: array<vec3<f32>, 4>, normal: vec3<f32>) -> vec3<f32> {
     let light = LIGHTKILN_SH_CONSTANT * sh[0]

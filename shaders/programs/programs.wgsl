@@ -7,6 +7,7 @@ struct Camera {
 struct Layers {
     scale: array<vec4<f32>, 4>, // of each layer: P(low), P(high) - P(low), white, unused
     stack: vec2<f32>, // width and rows of all pages in texels; for the interop form
+    ends: vec2<f32>, // of a layer with `clamp`
 }
 
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -48,6 +49,14 @@ fn fragment_scalar(in: Scalar) -> @location(0) vec4<f32> {
     return vec4<f32>(vec3<f32>(lightkilnLightUnscale(unit, layers.scale[0].xyz)), 1.0);
 }
 
+// One channel that is clamped after interpolation.
+@fragment
+fn fragment_clamped(in: Scalar) -> @location(0) vec4<f32> {
+    let unit = lightkilnLightScalar(atlas_0, linear_sampler, in.color, in.place);
+    let light = lightkilnLightUnscale(unit, layers.scale[0].xyz);
+    return vec4<f32>(vec3<f32>(lightkilnLightClamp(light, layers.ends)), 1.0);
+}
+
 // Two or three channels, such as irradiance.
 
 struct Rgb {
@@ -71,6 +80,14 @@ fn fragment_rgb(in: Rgb) -> @location(0) vec4<f32> {
     let unit = lightkilnLightRgb(atlas_0, linear_sampler, in.color, in.place);
     // Irradiance in lux. A material shows albedo / pi times it, and the camera's exposure.
     return vec4<f32>(lightkilnLightUnscaleRgb(unit, layers.scale[0].xyz), 1.0);
+}
+
+// Three channels that are clamped after interpolation, such as bent normals.
+@fragment
+fn fragment_clamped_rgb(in: Rgb) -> @location(0) vec4<f32> {
+    let unit = lightkilnLightRgb(atlas_0, linear_sampler, in.color, in.place);
+    let light = lightkilnLightUnscaleRgb(unit, layers.scale[0].xyz);
+    return vec4<f32>(lightkilnLightClampRgb(light, layers.ends), 1.0);
 }
 
 // Irradiance for normal maps, four layers of RGB. All layers of a bake share their places.

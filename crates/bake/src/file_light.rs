@@ -105,6 +105,9 @@ pub struct LayerInfo {
     /// What counts as white, with the curve `log`.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub white: Option<f32>,
+    /// What values are clamped to after interpolation, within the range.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub clamp: Option<[f32; 2]>,
     /// Unit of the range.
     pub unit: String,
 }
@@ -122,6 +125,7 @@ impl LayerInfo {
             curve: curve.to_owned(),
             range: [layer.scale.low, layer.scale.high],
             white,
+            clamp: layer.clamp,
             unit: if white.is_some() { "lux" } else { "none" }.to_owned(),
         }
     }
@@ -129,8 +133,9 @@ impl LayerInfo {
     /// The layer whose first channel has a number among those of the bake; none where the numbers make no sense.
     fn layer(&self, first: usize) -> Option<BakedLayer> {
         let [low, high] = self.range;
+        let shown = self.clamp.unwrap_or(self.range);
         let domain = match (low >= 0.0, self.curve.as_str()) {
-            (_, "linear") => Domain::Bounded { low, high },
+            (_, "linear") => Domain::Bounded { low: shown[0], high: shown[1] },
             (true, _) => Domain::Hdr,
             (false, _) => Domain::SignedHdr,
         };
@@ -140,8 +145,9 @@ impl LayerInfo {
             _ => return None,
         };
         let sound = (1..=3).contains(&self.channels) && low.is_finite() && high.is_finite() && low < high;
+        let sound = sound && low <= shown[0] && shown[0] < shown[1] && shown[1] <= high;
         let layer = Layer { name: self.signal.clone(), channels: self.channels, domain };
-        sound.then_some(BakedLayer { layer, scale, first })
+        sound.then_some(BakedLayer { layer, scale, clamp: self.clamp, first })
     }
 }
 
@@ -178,7 +184,7 @@ impl FileLight {
             let layer =
                 info.layer(first).ok_or_else(|| faulty(format!("layer {number} of {file} has no scale")))?;
             codes.push(layer_codes(surface, read).map_err(faulty)?);
-            images.push(layer_images(info, read, size)?);
+            images.push(layer_images(&layer, read, size)?);
             first += info.channels;
             layers.push(layer);
         }
@@ -253,9 +259,14 @@ fn layer_codes(surface: &Surface<'_>, read: &LayerRead) -> Result<Vec<[LightCode
 }
 
 /// The images of a layer.
-fn layer_images(info: &LayerInfo, read: &LayerRead, size: [u32; 2]) -> Result<StoredLayer, BakeError> {
-    let mut layer =
-        StoredLayer { channels: info.channels, depth: PngDepth::Eight, pages: Vec::new(), table: None };
+fn layer_images(baked: &BakedLayer, read: &LayerRead, size: [u32; 2]) -> Result<StoredLayer, BakeError> {
+    let mut layer = StoredLayer {
+        channels: baked.layer.channels,
+        depth: PngDepth::Eight,
+        pages: Vec::new(),
+        table: None,
+        clamp: baked.unit_clamp(),
+    };
     let numbers = layer.stored_channels();
     for page in &read.pages {
         let image = read_png(&page.png)?;

@@ -10,7 +10,7 @@ use lightkiln_light::{Curve, Domain, Estimates, Layer, Scale, Signal};
 use lightkiln_mesh::{Mesh, SurfacePoint};
 use rayon::prelude::*;
 
-use crate::options::CONFIDENCE;
+use crate::options::{BakeBounds, CONFIDENCE};
 
 /// A layer with its scale.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,6 +19,9 @@ pub struct BakedLayer {
     pub layer: Layer,
     /// What its stored values mean.
     pub scale: Scale,
+    /// What shown values are clamped to after interpolation, in the signal's unit: narrower than the range. `None` where
+    /// values need no clamping.
+    pub clamp: Option<[f32; 2]>,
     /// The first of its channels among those of the bake.
     pub first: usize,
 }
@@ -31,6 +34,24 @@ impl BakedLayer {
 }
 
 impl BakedLayer {
+    /// [`Self::clamp`] in unit values.
+    pub fn unit_clamp(&self) -> Option<[f32; 2]> {
+        self.clamp.map(|ends| ends.map(|x| self.scale.to_unit(x)))
+    }
+
+    /// Unit values in one unit of error: errors are shares of what is shown, not of what could be stored.
+    pub fn error_unit(&self) -> f32 {
+        match (self.unit_clamp(), self.scale.curve) {
+            (Some([low, high]), Curve::Linear) => high - low,
+            _ => self.scale.error_unit(),
+        }
+    }
+
+    /// Whether its signal has a range of its own.
+    pub fn is_bounded(&self) -> bool {
+        matches!(self.layer.domain, Domain::Bounded { .. })
+    }
+
     /// Whether it is light that paths bring, which is noisier than what rays see or do not see.
     fn is_light(&self) -> bool {
         matches!(self.layer.domain, Domain::Hdr | Domain::SignedHdr)
@@ -44,9 +65,15 @@ pub struct Layers {
     pub layers: Vec<BakedLayer>,
     /// Scale of each channel.
     scales: Vec<Scale>,
+    /// What shown unit values are clamped to, by channel.
+    clamps: Vec<Option<[f32; 2]>>,
     /// Errors per unit value, by channel.
     errors: Vec<f32>,
 }
+
+/// How far values that are clamped after interpolation may lie beyond the range of their signal, as a share of it, to
+/// either side: docs/KAVAN.md has the measurements.
+const MARGIN: f32 = 0.25;
 
 /// White is what so much of the lit surface does not exceed.
 const WHITE_QUANTILE: f64 = 0.95;
@@ -62,7 +89,14 @@ impl Layers {
     ///
     /// - `weights`: of each point, 0 for those that do not count
     /// - `white`: what counts as white in the unit of the light; the 95th percentile of the lit surface if none
-    pub fn new(signal: &dyn Signal, seen: &Estimates, weights: &[f32], white: Option<f32>) -> Self {
+    /// - `bounds`: whether layers with a range are clamped after interpolation
+    pub fn new(
+        signal: &dyn Signal,
+        seen: &Estimates,
+        weights: &[f32],
+        white: Option<f32>,
+        bounds: BakeBounds,
+    ) -> Self {
         let layers = signal.layers();
         let mut first = 0;
         let firsts: Vec<usize> = layers
@@ -78,7 +112,10 @@ impl Layers {
         });
         let white = if white > 0.0 && white.is_finite() { white } else { 1.0 };
         let scale = |layer: &Layer, first: usize| match layer.domain {
-            Domain::Bounded { low, high } => Scale::linear(low, high),
+            Domain::Bounded { low, high } => {
+                let margin = if bounds == BakeBounds::ClampAfter { MARGIN * (high - low) } else { 0.0 };
+                Scale::linear(low - margin, high + margin)
+            }
             Domain::Hdr => {
                 Scale::log(white, 0.0, HEADROOM * brightest(seen, first, layer.channels).max(white))
             }
@@ -87,9 +124,14 @@ impl Layers {
                 Scale::log(white, -high, high)
             }
         };
+        let clamp = |layer: &Layer| match layer.domain {
+            Domain::Bounded { low, high } if bounds == BakeBounds::ClampAfter => Some([low, high]),
+            _ => None,
+        };
         let baked = layers.iter().zip(firsts).map(|(l, first)| BakedLayer {
             layer: l.clone(),
             scale: scale(l, first),
+            clamp: clamp(l),
             first,
         });
         Self::of(baked.collect())
@@ -97,15 +139,26 @@ impl Layers {
 
     /// Layers whose scales are known.
     pub fn of(layers: Vec<BakedLayer>) -> Self {
-        let scales: Vec<Scale> =
-            layers.iter().flat_map(|l| std::iter::repeat_n(l.scale, l.layer.channels)).collect();
-        let errors = scales.iter().map(|s| 1.0 / s.error_unit()).collect();
-        Self { layers, scales, errors }
+        let channels = || layers.iter().flat_map(|l| std::iter::repeat_n(l, l.layer.channels));
+        let scales = channels().map(|l| l.scale).collect();
+        let clamps = channels().map(BakedLayer::unit_clamp).collect();
+        let errors = channels().map(|l| 1.0 / l.error_unit()).collect();
+        Self { layers, scales, clamps, errors }
     }
 
     /// Numbers of a point, over all layers.
     pub fn channels(&self) -> usize {
         self.scales.len()
+    }
+
+    /// Clamps what was interpolated, in the layers that ask for it.
+    #[inline]
+    pub fn clamp(&self, shown: &mut [f32]) {
+        for (value, clamp) in shown.iter_mut().zip(&self.clamps) {
+            if let Some(ends) = *clamp {
+                *value = lightkiln_encode::clamp(*value, ends);
+            }
+        }
     }
 
     /// Unit values and their noise.
@@ -226,11 +279,15 @@ impl Layers {
         self.scales[channel].to_unit(x)
     }
 
-    /// What a plain viewer shows of a stored value: that of a bounded layer as it is, light as a share of white.
+    /// What a plain viewer shows of a stored value: the share of the range that a bounded layer shows, light as a share
+    /// of white.
     pub fn displayed(&self, channel: usize, unit: f32) -> f32 {
         let scale = &self.scales[channel];
         match scale.curve {
-            Curve::Linear => unit,
+            Curve::Linear => match self.clamps[channel] {
+                Some([low, high]) => ((unit - low) / (high - low)).clamp(0.0, 1.0),
+                None => unit,
+            },
             Curve::Log { white } => (scale.from_unit(unit) / white).clamp(0.0, 1.0),
         }
     }
@@ -325,12 +382,14 @@ mod tests {
         let light = Layer { channels: 3, domain: Domain::Hdr, ..Layer::scalar("irradiance") };
         let signal = Known(vec![Layer::scalar("ambientOcclusion"), light]);
         let estimates = seen(&signal, 100);
-        let layers = Layers::new(&signal, &estimates, &[1.0; 100], None);
+        let layers = Layers::new(&signal, &estimates, &[1.0; 100], None, BakeBounds::Optimum);
         assert_eq!(layers.layers[0].scale, Scale::UNIT);
         assert_eq!(layers.layers[1].channels(), 1..4);
         // The brightest channel is four times the key: 95 of 100 do not exceed 380; the largest is 400.
         assert_eq!(layers.layers[1].scale, Scale::log(380.0, 0.0, 800.0));
-        let given = Layers::new(&signal, &estimates, &[1.0; 100], Some(50.0));
+        let given = Layers::new(&signal, &estimates, &[1.0; 100], Some(50.0), BakeBounds::ClampAfter);
+        assert_eq!(given.layers[0].scale, Scale::linear(-MARGIN, 1.0 + MARGIN));
+        assert_eq!((given.layers[0].clamp, given.layers[1].clamp), (Some([0.0, 1.0]), None));
         assert_eq!(given.layers[1].scale, Scale::log(50.0, 0.0, 800.0));
         let unit = layers.light(&estimates);
         assert!((layers.from_unit(1, unit.value(9)[1]) - 20.0).abs() < 1e-3);
@@ -340,13 +399,38 @@ mod tests {
     fn layers_judge_by_the_worst_channel_in_its_own_unit() {
         let light = Layer { channels: 1, domain: Domain::Hdr, ..Layer::scalar("irradiance") };
         let layers = Layers::of(vec![
-            BakedLayer { layer: Layer::scalar("ambientOcclusion"), scale: Scale::UNIT, first: 0 },
-            BakedLayer { layer: light, scale: Scale::log(1.0, 0.0, 1e4), first: 1 },
+            BakedLayer {
+                layer: Layer::scalar("ambientOcclusion"),
+                scale: Scale::UNIT,
+                clamp: None,
+                first: 0,
+            },
+            BakedLayer { layer: light, scale: Scale::log(1.0, 0.0, 1e4), clamp: None, first: 1 },
         ]);
         // A step of 0.01 unit values of light is more than twice that on the way from black to white.
         let (error, noise) = layers.worst(&[0.52, 0.41], &[0.5, 0.4], &[0.001, 0.001]);
         assert!(error > 0.02 && noise > 0.002, "{error} {noise}");
         assert!(layers.is_beyond(&[0.52, 0.41], &[0.5, 0.4], &[0.0, 0.0], 0.03));
         assert!(!layers.is_beyond(&[0.52, 0.41], &[0.5, 0.4], &[0.0, 0.01], 0.03));
+    }
+
+    #[test]
+    fn layers_clamped_after_interpolation_judge_what_is_shown() {
+        let layers = Layers::of(vec![BakedLayer {
+            layer: Layer::scalar("shadow"),
+            scale: Scale::linear(-0.5, 1.5),
+            clamp: Some([0.0, 1.0]),
+            first: 0,
+        }]);
+        let mut shown = [0.1];
+        layers.clamp(&mut shown);
+        assert_eq!(layers.from_unit(0, shown[0]), 0.0);
+        assert_eq!(
+            (layers.displayed(0, 0.25), layers.displayed(0, 0.5), layers.displayed(0, 0.9)),
+            (0.0, 0.5, 1.0)
+        );
+        // A tenth of the signal's range is a twentieth of what could be stored.
+        let (error, noise) = layers.worst(&[0.55], &[0.5], &[0.005]);
+        assert!((error - 0.1).abs() < 1e-6 && (noise - 0.01).abs() < 1e-6, "{error} {noise}");
     }
 }

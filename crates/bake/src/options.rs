@@ -90,6 +90,20 @@ pub struct Effort {
     pub check_points: usize,
 }
 
+/// What keeps values of layers with a range (occlusion, shadows, textures) within it. Light is always clamped at its
+/// vertices, for nothing lies beyond its range.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BakeBounds {
+    /// Vertex values are clamped.
+    #[default]
+    Clamp,
+    /// Vertex values may lie beyond the range, and what is interpolated is clamped, by viewers too (Kavan 2011,
+    /// section 3.3, names this as well as the optimum).
+    ClampAfter,
+    /// Vertex values are those of the least error within the range.
+    Optimum,
+}
+
 /// Options of a bake; the defaults suit a file that nobody has seen before.
 #[derive(Clone, Debug)]
 pub struct BakeOptions {
@@ -99,6 +113,8 @@ pub struct BakeOptions {
     pub light: LightOptions,
     /// Colors of vertices as entries of a table instead of packed into the codes.
     pub table: bool,
+    /// What keeps values within their range.
+    pub bounds: BakeBounds,
     /// The textures of the file that the light takes the place of leave it.
     pub replace: bool,
     /// Largest absolute error as a share of the signal's range, above 0 and below 1.
@@ -135,6 +151,7 @@ impl Default for BakeOptions {
             signals: Signals::default(),
             light: LightOptions::default(),
             table: false,
+            bounds: BakeBounds::Clamp,
             replace: false,
             max_error: 0.03,
             detail: None,
@@ -160,6 +177,8 @@ pub struct Plan {
     pub light: LightOptions,
     /// Colors of vertices as entries of a table.
     pub table: bool,
+    /// What keeps values within their range.
+    pub bounds: BakeBounds,
     /// Largest absolute error.
     pub max_error: f32,
     /// Poisson radius and width of a texel, in units of the file: half the detail (Schaefer 5, Nyquist).
@@ -238,6 +257,7 @@ impl Plan {
             signals: options.signals.clone(),
             light: options.light.clone(),
             table: options.table,
+            bounds: options.bounds,
             max_error: options.max_error,
             radius,
             ao_distance,

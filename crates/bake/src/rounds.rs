@@ -227,7 +227,7 @@ fn show(
     }
     if plan.table {
         for ((codes, layer), stored) in codes.iter_mut().zip(&lit.layers.layers).zip(&mut stored.layers) {
-            let bound = plan.max_error * TABLE_SHARE * layer.scale.error_unit();
+            let bound = plan.max_error * TABLE_SHARE * layer.error_unit();
             let (indices, table) = codes.to_table(layer.layer.channels, bound)?;
             (*codes, stored.table) = (indices, Some(table));
         }

@@ -14,8 +14,8 @@ use lightkiln_sample::Samples;
 use rayon::prelude::*;
 
 use crate::clock::Clock;
-use crate::layers::{Layers, UnitLight};
-use crate::options::{CONFIDENCE, FILTER_RADIUS, Plan};
+use crate::layers::{BakedLayer, Layers, UnitLight};
+use crate::options::{BakeBounds, CONFIDENCE, FILTER_RADIUS, Plan};
 use crate::verify::{References, Show};
 use crate::{BakeError, Surface};
 
@@ -49,7 +49,8 @@ impl Lit {
     /// [`lightkiln_report::TOLERATED_SHARE`] tolerates lies beyond the bound.
     pub fn tighten(&mut self, surface: &Surface<'_>, seen: &References, plan: &Plan) {
         loop {
-            let shown = |p: SurfacePoint, out: &mut [f32]| interpolate(surface, &self.values, p, out);
+            let shown =
+                |p: SurfacePoint, out: &mut [f32]| interpolate(surface, &self.layers, &self.values, p, out);
             let is_texture = |p: SurfacePoint| self.needs_texture[p.triangle.index()];
             let bound = seen.judge(surface, &shown, &is_texture, plan.max_error).bound;
             let tighter = self.decision_bound * TIGHTER;
@@ -109,7 +110,7 @@ pub fn light_fit_classify(
     clock.stage("light");
     refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
     let mut weights = weights(surface, &samples, &estimates);
-    let layers = Layers::new(signal, &estimates, &weights, plan.white);
+    let layers = Layers::new(signal, &estimates, &weights, plan.white, plan.bounds);
     // Filtering takes longer than tracing a few rays too many.
     let growth = if layers.are_filtered() { 4 } else { 2 };
     let mut densified = 0;
@@ -118,7 +119,7 @@ pub fn light_fit_classify(
         let light =
             layers.filtered_light(&surface.mesh, &samples.points, &estimates, FILTER_RADIUS * plan.radius);
         clock.stage("fit");
-        let values = fit_vertices(surface, &samples, &light, &weights)?;
+        let values = fit_vertices(surface, &samples, &layers, &light, &weights, plan.bounds)?;
         clock.stage("classify");
         let verdicts =
             classify_triangles(surface, &samples, &layers, &light, &weights, &values, plan.max_error);
@@ -215,7 +216,8 @@ pub fn light_and_fit(
     refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
     let weights = weights(surface, &samples, &estimates);
     clock.stage("fit");
-    fit_vertices(surface, &samples, &layers.light(&estimates), &weights)
+    let light = layers.light(&estimates);
+    fit_vertices(surface, &samples, layers, &light, &weights, BakeBounds::Clamp)
 }
 
 /// Points that are shaded between two looks at the progress.
@@ -270,12 +272,32 @@ fn weights(surface: &Surface<'_>, samples: &Samples, estimates: &Estimates) -> V
 fn fit_vertices(
     surface: &Surface<'_>,
     samples: &Samples,
+    layers: &Layers,
     light: &UnitLight,
     weights: &[f32],
+    bounds: BakeBounds,
 ) -> Result<Vec<f32>, BakeError> {
     let observations =
         Observations { points: &samples.points, weights, values: &light.values, channels: light.channels };
-    Ok(fit(&surface.mesh, &surface.adjacency, &observations, None, &fit_options())?.values)
+    let fitted = |options: &FitOptions| -> Result<Vec<f32>, BakeError> {
+        Ok(fit(&surface.mesh, &surface.adjacency, &observations, None, options)?.values)
+    };
+    if bounds != BakeBounds::Optimum || !layers.layers.iter().any(BakedLayer::is_bounded) {
+        return fitted(&fit_options());
+    }
+    let optimum = Bounds::Optimum { low: 0.0, high: 1.0 };
+    let mut values = fitted(&FitOptions { bounds: optimum, ..fit_options() })?;
+    if !layers.layers.iter().all(BakedLayer::is_bounded) {
+        // Light beside them is fitted as it is alone.
+        let clamped = fitted(&fit_options())?;
+        let rows = values.chunks_exact_mut(light.channels).zip(clamped.chunks_exact(light.channels));
+        for (values, clamped) in rows {
+            for layer in layers.layers.iter().filter(|l| !l.is_bounded()) {
+                values[layer.channels()].copy_from_slice(&clamped[layer.channels()]);
+            }
+        }
+    }
+    Ok(values)
 }
 
 /// How vertices are fitted: ours, within the range of unit values.
@@ -283,8 +305,15 @@ pub fn fit_options() -> FitOptions {
     FitOptions { bounds: Bounds::Clamp { low: 0.0, high: 1.0 }, ..FitOptions::default() }
 }
 
-/// Linear interpolation of vertex values (Schaefer eq. 1); `out` has as many channels as `values`.
-pub fn interpolate(surface: &Surface<'_>, values: &[f32], point: SurfacePoint, out: &mut [f32]) {
+/// What vertex values alone show: linear interpolation (Schaefer eq. 1), clamped where a layer asks for it; `out` has as
+/// many channels as `values`.
+pub fn interpolate(
+    surface: &Surface<'_>,
+    layers: &Layers,
+    values: &[f32],
+    point: SurfacePoint,
+    out: &mut [f32],
+) {
     let channels = out.len();
     let corners = surface.mesh.triangles[point.triangle.index()];
     out.fill(0.0);
@@ -292,6 +321,7 @@ pub fn interpolate(surface: &Surface<'_>, values: &[f32], point: SurfacePoint, o
         let at = vertex.index() * channels;
         out.iter_mut().zip(&values[at..at + channels]).for_each(|(o, v)| *o += weight * v);
     }
+    layers.clamp(out);
 }
 
 /// Each channel of a sample is judged as a sample of its own.
@@ -308,7 +338,7 @@ fn classify_triangles(
     let per_unit = layers.errors_per_unit();
     let mut errors = vec![0.0; light.values.len()];
     errors.par_chunks_mut(channels).enumerate().for_each(|(i, errors)| {
-        interpolate(surface, values, samples.points[i], errors);
+        interpolate(surface, layers, values, samples.points[i], errors);
         for ((error, light), per_unit) in errors.iter_mut().zip(light.value(i)).zip(per_unit) {
             *error = (*error - light).abs() * per_unit;
         }

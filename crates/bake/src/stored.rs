@@ -1,7 +1,7 @@
 //! What the file stores beside the codes: the images of each layer, quantized as they are written, and how a viewer
 //! shows a point from codes and images.
 
-use lightkiln_encode::{AtlasView, Form, LightCode, Table, Texels, decode};
+use lightkiln_encode::{AtlasView, Form, LightCode, Table, Texels, clamp, decode};
 use lightkiln_texel::image::quantize;
 use lightkiln_texel::{Atlas, PngDepth};
 
@@ -19,6 +19,8 @@ pub struct StoredLayer {
     pub pages: Vec<Vec<f32>>,
     /// The colors that codes name, if they do.
     pub table: Option<Table>,
+    /// What is clamped to after interpolation, in unit values.
+    pub clamp: Option<[f32; 2]>,
 }
 
 /// The images of all layers.
@@ -80,7 +82,7 @@ fn texel_bytes(channels: usize, depth: PngDepth) -> u64 {
 
 /// 8 bits are enough while half of their step is at most a fifth of the bound.
 fn depth_of(layer: &BakedLayer, max_error: f32) -> PngDepth {
-    if max_error * layer.scale.error_unit() < 2.5 / 255.0 { PngDepth::Sixteen } else { PngDepth::Eight }
+    if max_error * layer.error_unit() < 2.5 / 255.0 { PngDepth::Sixteen } else { PngDepth::Eight }
 }
 
 /// Bytes of a texel on the GPU over all layers, before there is an atlas.
@@ -104,7 +106,8 @@ impl Stored {
                 own.chain(std::iter::repeat_n(0.0, padding)).collect()
             };
             let pages = atlas.pages.iter().map(|page| page.chunks_exact(all).flat_map(texel).collect());
-            StoredLayer { channels: layer.layer.channels, depth, pages: pages.collect(), table: None }
+            let (channels, clamp) = (layer.layer.channels, layer.unit_clamp());
+            StoredLayer { channels, depth, pages: pages.collect(), table: None, clamp }
         };
         Self { size: atlas.size, layers: layers.layers.iter().map(of_layer).collect() }
     }
@@ -137,6 +140,9 @@ impl Stored {
         for (number, (layer, view)) in self.layers.iter().zip(views).enumerate() {
             let own = &mut out[first..first + layer.channels];
             decode(codes(number), barycentric, view, &layer.form(), own);
+            if let Some(ends) = layer.clamp {
+                own.iter_mut().for_each(|value| *value = clamp(*value, ends));
+            }
             first += layer.channels;
         }
     }
@@ -144,5 +150,49 @@ impl Stored {
     /// What a single code shows.
     pub fn show_code(&self, views: &[AtlasView<'_>], codes: impl Fn(usize) -> LightCode, out: &mut [f32]) {
         self.show(views, |layer| [codes(layer); 3], [0.0, 0.0], out);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lightkiln_light::{Layer, Scale};
+
+    #[test]
+    fn stored_clamp_after_interpolation_is_the_clamp_of_what_is_interpolated() {
+        let layers = Layers::of(vec![BakedLayer {
+            layer: Layer::scalar("ambientOcclusion"),
+            scale: Scale::linear(-0.25, 1.25),
+            clamp: Some([0.0, 1.0]),
+            first: 0,
+        }]);
+        let atlas = Atlas {
+            size: [4, 4],
+            channels: 1,
+            pages: vec![vec![0.05; 16]],
+            owners: vec![vec![0]],
+            texels: 16,
+            shown: 16,
+            gutter: 0,
+        };
+        let stored = Stored::new(&atlas, &layers, 0.03);
+        let views = stored.views().expect("whole pages");
+        let mut free = stored.clone();
+        free.layers[0].clamp = None;
+        let place = LightCode::texture([2.0, 2.0]).expect("in range");
+        let (mut low, mut high) = (0, 0);
+        for codes in [[0.0, 0.5, 1.0].map(LightCode::color), [LightCode::color(0.1), place, place]] {
+            for step in 0..=10 {
+                let at = [step as f32 / 20.0, step as f32 / 20.0];
+                let (mut shown, mut wide) = ([0.0], [0.0]);
+                stored.show(&views, |_| codes, at, &mut shown);
+                free.show(&views, |_| codes, at, &mut wide);
+                let ends = [0.0, 1.0].map(|x| layers.to_unit(0, x));
+                assert_eq!(shown[0], wide[0].clamp(ends[0], ends[1]));
+                low += usize::from(wide[0] < ends[0]);
+                high += usize::from(wide[0] > ends[0]);
+            }
+        }
+        assert!(low > 0 && high > 0);
     }
 }

@@ -245,8 +245,10 @@ pub fn written_file(
 
     let shown = |p: SurfacePoint, out: &mut [f32]| light.show(&views, p, out);
     let mut errors = fresh.judge(surface, &shown, &|p| light.is_texture(p.triangle), plan.max_error);
-    errors.point_sampling = Some(fresh.summary(&|p, out| interpolate(surface, &at_vertices, p, out)));
-    errors.least_squares = Some(fresh.summary(&|p, out| interpolate(surface, &lit.values, p, out)));
+    errors.point_sampling =
+        Some(fresh.summary(&|p, out| interpolate(surface, &lit.layers, &at_vertices, p, out)));
+    errors.least_squares =
+        Some(fresh.summary(&|p, out| interpolate(surface, &lit.layers, &lit.values, p, out)));
     [errors.bound.samples_beyond, errors.bound.samples_checked] =
         samples_beyond(lit, plan, &shown, &|p| !light.is_texture(p.triangle));
     Ok((errors, seen.rays() + fresh.rays() + vertex_rays))

@@ -6,6 +6,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use lightkiln_bake::options::BakeBounds;
 use lightkiln_bake::signals::{SIGNALS, Signals};
 use lightkiln_bake::{BakeOptions, Quality};
 use lightkiln_scene::Fallback;
@@ -134,6 +135,10 @@ pub struct BakeSettings {
     #[arg(long)]
     #[serde(default)]
     pub table: bool,
+    /// What keeps occlusion, shadows and textures within their range; `clamp-after` needs viewers that honour it
+    /// [default: clamp]
+    #[arg(long, value_enum)]
+    pub bounds: Option<BakeBoundsName>,
     /// Take the textures out of the file that the light stands for (occlusion, file-lightmap)
     #[arg(long)]
     #[serde(default)]
@@ -192,6 +197,28 @@ pub enum FallbackName {
     Color0,
     /// Nothing: only viewers that know the extension show light
     None,
+}
+
+/// Names of [`BakeBounds`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum BakeBoundsName {
+    /// Vertex values are clamped
+    Clamp,
+    /// Vertex values may lie beyond, and viewers clamp what they interpolate
+    ClampAfter,
+    /// Vertex values are those of the least error within the range
+    Optimum,
+}
+
+impl From<BakeBoundsName> for BakeBounds {
+    fn from(name: BakeBoundsName) -> Self {
+        match name {
+            BakeBoundsName::Clamp => Self::Clamp,
+            BakeBoundsName::ClampAfter => Self::ClampAfter,
+            BakeBoundsName::Optimum => Self::Optimum,
+        }
+    }
 }
 
 /// A number of bytes with an optional unit: `500kB`, `2MiB`, `1048576`.
@@ -265,6 +292,7 @@ impl BakeSettings {
             exr: self.exr || file.exr,
             ktx2: self.ktx2 || file.ktx2,
             table: self.table || file.table,
+            bounds: self.bounds.or(file.bounds),
             replace: self.replace || file.replace,
             signal: self.signal.or(file.signal),
             light: self.light.or(file.light),
@@ -278,6 +306,7 @@ impl BakeSettings {
             signals: self.signal.clone().unwrap_or_default(),
             light: self.light.options(),
             table: self.table,
+            bounds: self.bounds.map_or_else(BakeBounds::default, BakeBounds::from),
             replace: self.replace,
             max_error: self.max_error.unwrap_or(defaults.max_error),
             detail: self.detail,

@@ -6,6 +6,7 @@ use glam::Vec3;
 
 use lightkiln_bake::file_light::Recipe;
 use lightkiln_bake::layers::Layers;
+use lightkiln_bake::options::BakeBounds;
 use lightkiln_bake::signals::Stage;
 use lightkiln_bake::{BakeError, Clock, FileLight, Surface, options, shade};
 use lightkiln_encode::AtlasView;
@@ -129,7 +130,9 @@ pub fn in_studio<T>(
     })?;
     let layers = match &light {
         Some(light) => light.layers.clone(),
-        None => Layers::new(signal.as_ref(), &Estimates::new(0, signal.channels()), &[], None),
+        None => {
+            Layers::new(signal.as_ref(), &Estimates::new(0, signal.channels()), &[], None, BakeBounds::Clamp)
+        }
     };
     if look.layer >= layers.layers.len() {
         let what = format!("--layer is {}, but there are {}", look.layer, layers.layers.len());
@@ -280,7 +283,7 @@ impl Studio<'_> {
 
     fn interpolated(&self, values: &[f32], hit: &Hit) -> Vec3 {
         let mut out = vec![0.0; self.layers.channels()];
-        shade::interpolate(self.surface, values, point(hit), &mut out);
+        shade::interpolate(self.surface, &self.layers, values, point(hit), &mut out);
         self.color(&out)
     }
 

@@ -262,6 +262,7 @@ fn layer(read: &LayerRead) -> Result<LayerModel, Failure> {
         range: info.range,
         white,
         scale: [scale.perceived(low), scale.perceived(high) - scale.perceived(low), white],
+        clamp: info.clamp,
         bits: pages.first().map_or(8, |page| page.bits),
         pages: pages.into_iter().map(|page| page.values).collect(),
         table: table.map(|table| table.values),

@@ -326,6 +326,21 @@ pub fn unscale(unit: f32, scale: ShaderScale) -> f32 {
     }
 }
 
+/// Clamp after interpolation, of layers that ask for it (Kavan et al. 2011, section 3.3): the twin of `lightkilnLightClamp`.
+///
+/// `ends` are in the unit of `light`, the lower one first; shaders clamp what [`unscale`] gives, which is the same for
+/// stored values, the curve being monotonic. NaN stays.
+#[inline]
+pub fn clamp(light: f32, [low, high]: [f32; 2]) -> f32 {
+    if light < low {
+        low
+    } else if light > high {
+        high
+    } else {
+        light
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

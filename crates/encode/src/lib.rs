@@ -29,7 +29,7 @@ pub mod table;
 mod testing;
 
 pub use code::LightCode;
-pub use decode::{AtlasView, Form, ShaderScale, Texels, decode, decode_scalar, unscale};
+pub use decode::{AtlasView, Form, ShaderScale, Texels, clamp, decode, decode_scalar, unscale};
 pub use encode::{Codes, EncodeReport, atlas_position, encode};
 pub use promote::{PromotionPrices, promotions};
 pub use table::Table;

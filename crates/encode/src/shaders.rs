@@ -22,9 +22,10 @@ macro_rules! program {
 }
 
 /// Stage, functions and main of each program.
-const GLSL_PROGRAMS: [(ShaderStage, &str, &str, &str); 8] = [
+const GLSL_PROGRAMS: [(ShaderStage, &str, &str, &str); 9] = [
     program!(Vertex, VERTEX, "scalar.vert.glsl"),
     program!(Fragment, FRAGMENT, "scalar.frag.glsl"),
+    program!(Fragment, FRAGMENT, "clamped.frag.glsl"),
     program!(Vertex, VERTEX, "rgb.vert.glsl"),
     program!(Fragment, FRAGMENT, "rgb.frag.glsl"),
     program!(Vertex, VERTEX, "table.vert.glsl"),
@@ -147,9 +148,11 @@ fn shader_wgsl_is_valid() {
         "vertex_scalar",
         "vertex_interop",
         "fragment_scalar",
+        "fragment_clamped",
         "vertex_rgb",
         "vertex_table",
         "fragment_rgb",
+        "fragment_clamped_rgb",
         "vertex_sh",
         "fragment_sh",
     ];
