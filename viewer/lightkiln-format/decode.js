@@ -84,6 +84,9 @@ export function undo(unit, { low, extent, white }) {
   return white > 0 ? (Math.sign(p) * (CURVE_BASE ** Math.abs(p) - 1) * white) / CURVE_KNEE : p
 }
 
+/** What a layer shows of the signal's value at a point: clamped where the layer asks for it (Kavan et al. 2011, section 3.3). */
+export const clamped = (light, ends) => (ends === null || ends === undefined ? light : clamp(light, ends[0], ends[1]))
+
 /** What undoes a layer's curve: P(low), P(high) - P(low), and white, which is 0 for the linear curve. */
 export function scaleOf({ curve, range: [low, high], white = 0 }) {
   const log = curve === 'log'

@@ -32,13 +32,15 @@ function readLayer(json, layer, index) {
   if (curve !== 'linear' && curve !== 'log') fail(`${at} has an unknown curve "${curve}"`)
   if (curve === 'log' && !(layer.white > 0)) fail(`${at} has a logarithmic curve and no white`)
   if (codes !== 'packed' && codes !== 'table') fail(`${at} has unknown codes "${codes}"`)
+  const clamp = layer.clamp ?? null
+  if (clamp !== null && !(clamp.length === 2 && clamp[0] < clamp[1])) fail(`${at} is clamped to [${clamp}], which is no range`)
   const textures = codes === 'table' ? [...pages, layer.table] : pages
   const missing = textures.find((texture) => json.images?.[json.textures?.[texture]?.source] === undefined)
   if (missing !== undefined || textures.includes(undefined)) fail(`${at} names texture ${missing}, which has no image`)
   const form = codes === 'table' ? 'table' : channels === 1 ? 'scalar' : 'rgb'
   const scale = scaleOf({ curve, range, white: layer.white })
   const table = codes === 'table' ? layer.table : null
-  return { index, signal, attribute, channels, form, scale, pages, table, info: layer }
+  return { index, signal, attribute, channels, form, scale, clamp, pages, table, info: layer }
 }
 
 /** The extension's object of a primitive, or null. */

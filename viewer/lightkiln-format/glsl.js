@@ -10,6 +10,7 @@ import {
 } from './constants.js'
 
 const float = (x) => (Number.isInteger(x) ? `${x}.0` : `${x}`)
+const bracketed = (x) => `(${float(x)})`
 const typeOf = ({ channels }) => (channels === 1 ? 'float' : 'vec3')
 
 /** The attribute's name in shaders and geometries: three.js lower-cases names that it does not know. */
@@ -18,7 +19,7 @@ export const attributeName = ({ attribute }) => attribute.toLowerCase()
 /** What tells the programs of two lights apart. */
 export function shaderKey(layers, view) {
   const parts = layers.map((layer) =>
-    [layer.index, attributeName(layer), layer.channels, layer.form, layer.role, layer.atlas === null ? 0 : 1].join(','))
+    [layer.index, attributeName(layer), layer.channels, layer.form, layer.role, layer.atlas === null ? 0 : 1, layer.clamp ?? ''].join(','))
   return `lightkiln:${parts.join(';')}:${view?.index ?? ''}`
 }
 
@@ -94,16 +95,16 @@ highp vec3 lightkilnUndo(highp vec3 unit, highp vec3 scale) {
 }
 
 /**
- * Statements of the fragment stage: `lightkilnUnit<k>` is a layer as stored, `lightkiln<k>` in the signal's unit, both gray
- * for scalar layers; `lightkilnOcclusion`, `lightkilnShadow` and `lightkilnIrradiance` are what the roles make of them.
+ * Statements of the fragment stage: `lightkilnUnit<k>` is a layer as stored (the share of its `clamp`, if it has one),
+ * `lightkiln<k>` in the signal's unit, both gray for scalar layers; `lightkilnOcclusion`, `lightkilnShadow` and `lightkilnIrradiance` are what the roles make of them.
  */
 export function fragmentMain(layers) {
-  const values = layers.map(({ index, channels, atlas }) => {
+  const values = layers.map(({ index, channels, atlas, clamp }) => {
     const lookup = `lightkilnLookup(lightkilnAtlas${index})${channels === 1 ? '.rrr' : ''}`
     return `
   highp vec3 lightkilnUnit${index} = vec3(vLightkilnColor${index});
   ${atlas === null ? '' : `if (lightkilnIsTextured) lightkilnUnit${index} += vLightkilnPlace.z * ${lookup};`}
-  highp vec3 lightkiln${index} = lightkilnUndo(lightkilnUnit${index}, lightkilnScale${index});`
+  highp vec3 lightkiln${index} = lightkilnUndo(lightkilnUnit${index}, lightkilnScale${index});${clampStatements(index, clamp)}`
   })
   const factor = (layer, intensity) => `mix(1.0, lightkiln${layer.index}.r, ${intensity})`
   const sums = layers.map((layer) => {
@@ -121,6 +122,15 @@ export function fragmentMain(layers) {
   vec3 lightkilnIrradiance = vec3(0.0);
 ${values.join('')}
 ${sums.join('\n')}`
+}
+
+/** After interpolation, in layers that ask for it (Kavan et al. 2011, section 3.3). */
+function clampStatements(index, clamp) {
+  if (clamp === null || clamp === undefined) return ''
+  const [low, high] = clamp
+  return `
+  lightkiln${index} = clamp(lightkiln${index}, ${float(low)}, ${float(high)});
+  lightkilnUnit${index} = (lightkiln${index} - ${bracketed(low)}) / ${bracketed(high - low)};`
 }
 
 /** The basis of `irradianceSh0` to `8` at the normal `n`. */

@@ -41,6 +41,8 @@ export interface Layer {
   channels: 1 | 2 | 3
   form: Form
   scale: Scale
+  /** What the signal's values are clamped to after interpolation; null where they need none. */
+  clamp: [number, number] | null
   /** Numbers of glTF textures. */
   pages: number[]
   /** Number of a glTF texture, for the form `table`. */
@@ -113,6 +115,8 @@ export function decode(
 ): number[]
 /** The signal's value of a stored one. */
 export function undo(unit: number, scale: Scale): number
+/** The signal's value as it is shown: within `ends`, a layer's `clamp`. After {@link undo}, at the pixel. */
+export function clamped(light: number, ends: [number, number] | null): number
 export function scaleOf(layer: { curve?: string; range: [number, number]; white?: number }): Scale
 
 export function isPng(bytes: Uint8Array): boolean

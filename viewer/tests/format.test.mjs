@@ -77,6 +77,26 @@ test('undo is the inverse of the curve', () => {
   near(undo(0.5, log), (500 * (16 ** 0.5 - 1)) / 15)
 })
 
+test('clamp comes after interpolation', () => {
+  const layer = { signal: 'shadow', attribute: '_LIGHTUV', channels: 1, range: [-0.25, 1.25], clamp: [0, 1] }
+  const read = (layer) => readExtension(file({ version: 2, layers: [layer] })).layers[0]
+  const { scale, clamp } = read(layer)
+  assert.deepEqual(clamp, [0, 1])
+  assert.equal(read({ ...layer, clamp: undefined }).clamp, null)
+  assert.throws(() => read({ ...layer, clamp: [1, 0] }), /no range/)
+  // -0.25, 0.5 and 1.25: of these, and not of 0, 0.5 and 1, every point is interpolated.
+  const codes = [0, 0.5, 1].map(scalarCode)
+  const none = atlasView([0, 0], [])
+  const shown = (b) => format.clamped(undo(decode(codes, b, none, 'scalar')[0], scale), clamp)
+  for (const [b, expected] of [[[0, 0], 0], [[0.2, 0], 0], [[0.5, 0], 0.125], [[0.5, 0.5], 0.875], [[0, 1], 1]]) {
+    near(shown(b), expected, 1e-4)
+  }
+  const used = { ...read(layer), role: 'shadow', atlas: null, palette: null }
+  assert.match(format.fragmentMain([used]), /lightkiln0 = clamp\(lightkiln0, 0\.0, 1\.0\);/)
+  assert.doesNotMatch(format.fragmentMain([{ ...used, clamp: null }]), /clamp\(lightkiln0/)
+  assert.notEqual(format.shaderKey([used], null), format.shaderKey([{ ...used, clamp: null }], null))
+})
+
 test('png of 8 and 16 bits comes back as it was', async () => {
   for (const bits of [8, 16]) {
     for (const channels of [1, 2, 3, 4]) {

@@ -57,8 +57,19 @@ function colorOf({ form, channels, palette }, code) {
 export function light(layer) {
   const { low, extent, white } = layer.scale
   const p = storedLight(layer).mul(extent).add(low)
-  if (white <= 0) return p
-  return sign(p).mul(pow(vec3(CURVE_BASE), p.abs()).sub(1)).mul(white / CURVE_KNEE)
+  if (white <= 0) return clampedLight(layer, p)
+  return clampedLight(layer, sign(p).mul(pow(vec3(CURVE_BASE), p.abs()).sub(1)).mul(white / CURVE_KNEE))
+}
+
+/** After interpolation, in layers that ask for it (Kavan et al. 2011, section 3.3). */
+const clampedLight = ({ clamp: ends }, value) =>
+  (ends === null || ends === undefined ? value : clamp(value, vec3(ends[0]), vec3(ends[1])))
+
+/** What a view shows: a layer as stored, or the share of its clamp. */
+function viewedLight(layer) {
+  if (layer.clamp === null || layer.clamp === undefined) return storedLight(layer)
+  const [low, high] = layer.clamp
+  return light(layer).sub(low).div(high - low)
 }
 
 /** Irradiance for the normal of the pixel, which is turned back into the world of the file. */
@@ -97,7 +108,7 @@ export const lightkilnNodes = {
       const LightMapNode = Class === MeshBasicNodeMaterial ? BasicLightMapNode : IrradianceNode
       copy.setupLightMap = () => new LightMapNode(undimmed)
     }
-    if (view !== null) copy.fragmentNode = vec4(storedLight(view), 1)
+    if (view !== null) copy.fragmentNode = vec4(viewedLight(view), 1)
     return copy
   },
 }
