@@ -133,6 +133,16 @@ test('a table of colors shows what packed codes show', async () => {
   })
 })
 
+test('light that is clamped after interpolation looks so', async () => {
+  const baked = bake(join(ROOT, 'data/cornell_box.glb'), 'clamp.glb', '--bounds', 'clamp-after')
+  await view([baked], async (page) => {
+    assert.deepEqual(await page.evaluate(() => globalThis.lightkiln.model.about.layers[0].clamp), [0, 1])
+    run('render', baked, '-o', file('cpu.png'), '--mode', 'light', '--size', '512', '--quiet')
+    const { rmse } = difference(await shot(page, { left: 'hybrid', divider: 1 }), await decoded(page, file('cpu.png')))
+    assert.ok(rmse < 0.015, `RMSE ${rmse}`)
+  })
+})
+
 test('harmonics at the normal show the irradiance', async (t) => {
   for (const order of [1, 2]) {
     const baked = bake(join(ROOT, 'data/cornell.glb'), `sh${order}.glb`, '--signal', `irradiance+sh${order}`)

@@ -255,7 +255,7 @@ export class Renderer {
     gl.bindTexture(gl.TEXTURE_2D, table)
     gl.uniform1i(uniforms.table ?? null, 1)
     gl.uniform3fv(uniforms.scale, about.scale)
-    gl.uniform2fv(uniforms.ends, about.clamp ?? [0, 0])
+    gl.uniform2fv(uniforms.ends, about.clamp ?? about.range)
     gl.uniform1i(uniforms.one, about.channels === 1 ? 1 : 0)
     gl.uniform1i(uniforms.isSigned, about.range[0] < 0 ? 1 : 0)
     gl.uniform1f(uniforms.exposure, about.white > 0 ? 2 ** state.exposure : 1)

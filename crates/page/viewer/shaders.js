@@ -70,7 +70,21 @@ vec3 diverging(float t) {
 }
 `
 
-const SURFACE_FRAGMENT = `${HEAD}${FRAGMENT}${SHARED}
+const LOOK = `
+// What a unit value looks like: bounded values as a share of their range or clamp, light as a share of white.
+uniform vec3 scale;
+uniform vec2 ends;
+uniform bool isSigned;
+uniform float exposure;
+vec3 look(vec3 unit) {
+    vec3 value = lightkilnLightUnscaleRgb(unit, scale);
+    vec3 share = (lightkilnLightClampRgb(value, ends) - ends.x) / (ends.y - ends.x);
+    vec3 light = value / max(scale.z, 1e-30) * exposure;
+    return scale.z > 0.0 ? (isSigned ? 0.5 + 0.5 * light : light) : share;
+}
+`
+
+const SURFACE_FRAGMENT = `${HEAD}${FRAGMENT}${SHARED}${LOOK}
 in vec3 vWorld;
 in vec3 vNormal;
 in vec3 vBase;
@@ -79,15 +93,11 @@ in vec3 vPlace;
 in vec3 vFallback;
 flat in uint vChart;
 uniform sampler2DArray atlas;
-uniform vec3 scale;
-uniform vec2 ends; // what is clamped to after interpolation; 0, 0: nothing
 uniform vec3 eye;
 uniform bool one;
-uniform bool isSigned;
 uniform bool materials;
 uniform int source;
 uniform int overlay;
-uniform float exposure;
 uniform float texelSize;
 uniform bool inAtlas;
 out vec4 color;
@@ -112,16 +122,7 @@ void main() {
     vec3 normal = normalize(dot(vNormal, vNormal) > 0.1 ? vNormal : flatNormal + vec3(0.0, 1e-9, 0.0));
     float clay = 0.15 + 0.6 * abs(dot(normal, normalize(eye - vWorld))) + 0.25 * (0.5 + 0.5 * normal.y);
 
-    vec3 unit = vColor + (one ? texel.rrr : texel);
-    vec3 shown = unit;
-    if (ends.x < ends.y) {
-        vec3 value = lightkilnLightClampRgb(lightkilnLightUnscaleRgb(unit, scale), ends);
-        shown = (value - ends.x) / (ends.y - ends.x);
-    }
-    if (scale.z > 0.0) {
-        vec3 value = lightkilnLightUnscaleRgb(unit, scale) / scale.z * exposure;
-        shown = isSigned ? 0.5 + 0.5 * value : value;
-    }
+    vec3 shown = look(vColor + (one ? texel.rrr : texel));
     if (source == 1) shown = vFallback * exposure;
     if (source == 2) shown = vec3(clay);
     if (materials) shown *= vBase;
@@ -222,14 +223,10 @@ void main() {
 }
 `
 
-const ATLAS_FRAGMENT = `${HEAD}${FRAGMENT}${SHARED}
+const ATLAS_FRAGMENT = `${HEAD}${FRAGMENT}${SHARED}${LOOK}
 in vec2 vTexel;
 uniform sampler2DArray atlas;
 uniform bool one;
-uniform bool isSigned;
-uniform vec3 scale;
-uniform vec2 ends; // what is clamped to after interpolation; 0, 0: nothing
-uniform float exposure;
 uniform float dim;
 out vec4 color;
 void main() {
@@ -240,17 +237,7 @@ void main() {
         return;
     }
     vec3 unit = texelFetch(atlas, ivec3(at.x, at.y % size.y, at.y / size.y), 0).rgb;
-    if (one) unit = unit.rrr;
-    vec3 shown = unit;
-    if (ends.x < ends.y) {
-        vec3 value = lightkilnLightClampRgb(lightkilnLightUnscaleRgb(unit, scale), ends);
-        shown = (value - ends.x) / (ends.y - ends.x);
-    }
-    if (scale.z > 0.0) {
-        vec3 value = lightkilnLightUnscaleRgb(unit, scale) / scale.z * exposure;
-        shown = isSigned ? 0.5 + 0.5 * value : value;
-    }
-    color = vec4(encoded(shown * dim), 1.0);
+    color = vec4(encoded(look(one ? unit.rrr : unit) * dim), 1.0);
 }
 `
 
