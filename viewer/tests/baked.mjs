@@ -24,7 +24,7 @@ export async function withAllForms(bytes) {
   if (baked.length > 1 || baked[0].channels > 1) return bytes
   const layers = [
     { signal: 'irradiance', channels: 3, curve: 'log', range: [0, 1000], white: 500, of: (v) => [v, v * v, 1 - v] },
-    { signal: 'shadow', channels: 1, curve: 'linear', range: [0, 1], bits: 16, of: (v) => [1 - v] },
+    { signal: 'shadow', channels: 1, curve: 'linear', range: [-0.25, 1.25], clamp: [0, 1], bits: 16, of: (v) => [1 - v] },
     { signal: 'bentNormal', channels: 3, curve: 'linear', range: [-1, 1], bits: 16, of: (v) => [v, 0.5, 1 - v * v] },
     { signal: 'texture', channels: 3, curve: 'linear', range: [0, 1], form: 'table', of: (v) => [1 - v, v, v * v * v] },
     { signal: 'direct', channels: 1, curve: 'linear', range: [0, 9], form: 'table', of: (v) => [v * v] },

@@ -4,7 +4,7 @@ import { Logger, NodeIO, Primitive } from '@gltf-transform/core'
 import { ALL_EXTENSIONS } from '@gltf-transform/extensions'
 import draco3d from 'draco3dgltf'
 import { LightkilnLightmap } from 'gltf-transform-lightkiln'
-import { EXTENSION, atlasView, decode, readPng, scaleOf, undo } from 'lightkiln-format'
+import { EXTENSION, atlasView, clamped, decode, readPng, scaleOf, undo } from 'lightkiln-format'
 import { MeshoptDecoder, MeshoptEncoder } from 'meshoptimizer'
 
 await MeshoptDecoder.ready
@@ -22,7 +22,8 @@ export const io = new NodeIO()
 
 /**
  * - returns: `triangles`, each `{ corners: three points, codes: per layer three codes, or null where it has no light }`
- *   in the order of the file, and `layers` with `light(triangle, barycentric)`: stored values of a point
+ *   in the order of the file, and `layers` with `light(triangle, barycentric)`: what a view shows of a
+ *   point: stored values, or the share of the layer's clamp
  */
 export async function readScene(bytes) {
   const document = await io.readBinary(bytes)
@@ -46,8 +47,11 @@ async function readLayers(lightmap) {
     const form = layer.codes === 'table' ? 'table' : layer.channels === 1 ? 'scalar' : 'rgb'
     const table = images[layer.table] ?? null
     const scale = scaleOf(layer)
-    const light = (triangle, barycentric) => decode(triangle.codes[index], barycentric, atlas, form, table)
-    return { ...layer, light, value: (...point) => light(...point).map((unit) => undo(unit, scale)) }
+    const stored = (triangle, barycentric) => decode(triangle.codes[index], barycentric, atlas, form, table)
+    const value = (...point) => stored(...point).map((unit) => clamped(undo(unit, scale), layer.clamp))
+    if (layer.clamp === undefined) return { ...layer, light: stored, value }
+    const [low, high] = layer.clamp
+    return { ...layer, light: (...point) => value(...point).map((x) => (x - low) / (high - low)), value }
   })
 }
 
