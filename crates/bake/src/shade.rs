@@ -103,7 +103,7 @@ pub fn light_fit_classify(
     plan: &Plan,
     clock: &mut Clock<'_>,
 ) -> Result<Lit, BakeError> {
-    let [first, most] = plan.effort.sample_batches;
+    let [first, mut most] = plan.effort.sample_batches;
     let mut samples = samples;
     let mut estimates = Estimates::new(samples.points.len(), signal.channels());
     let mut wanted = vec![first; samples.points.len()];
@@ -111,8 +111,11 @@ pub fn light_fit_classify(
     refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
     let mut weights = weights(surface, &samples, &estimates);
     let layers = Layers::new(signal, &estimates, &weights, plan.white, plan.bounds);
-    // Filtering takes longer than tracing a few rays too many.
+    // Filtering takes longer than tracing a few rays too many, and makes up for most of what they would bring.
     let growth = if layers.are_filtered() { 4 } else { 2 };
+    if layers.are_filtered() {
+        most = (most / 3).max(first);
+    }
     let mut densified = 0;
     loop {
         clock.stage("filter");
