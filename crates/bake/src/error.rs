@@ -53,9 +53,17 @@ pub enum BakeError {
     /// The light mesh could not be made.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// Rays.
+    /// Rays, or lights that make no sense.
     #[error(transparent)]
     Light(#[from] lightkiln_light::LightError),
+    /// An image of the surroundings makes no sense.
+    #[error("{path}: {source}", path = path.display())]
+    Environment {
+        /// The image.
+        path: std::path::PathBuf,
+        /// What is wrong with it.
+        source: lightkiln_light::LightError,
+    },
     /// Samples.
     #[error(transparent)]
     Sample(#[from] lightkiln_sample::SampleError),
@@ -92,6 +100,10 @@ impl BakeError {
                 "choose another --signal; what --replace took out of a file cannot be verified against it"
                     .into(),
             ),
+            Self::Light(_) => {
+                Some("mend the light that is named, in the file or in the configuration".into())
+            }
+            Self::Environment { .. } => Some("choose an image that shines, with finite values".into()),
             Self::Sample(_) => Some("ask for a larger --detail or fewer --samples".into()),
             Self::Chart(_) | Self::Pack(_) | Self::Encode(_) => {
                 Some("ask for a larger --detail or a larger --max-error".into())

@@ -242,7 +242,7 @@ impl LightOptions {
     ///
     /// # Errors
     /// [`BakeError::Option`] for numbers out of their range, [`BakeError::Scene`] for an environment that cannot be
-    /// read, [`BakeError::Light`] for one that has no light.
+    /// read, [`BakeError::Environment`] for one that has no light, [`BakeError::Light`] for other light that makes no sense.
     pub fn lighting(&self, scene: &Scene) -> Result<Lighting, BakeError> {
         self.check()?;
         let mut lights = Vec::new();
@@ -334,7 +334,10 @@ impl LightOptions {
         if let Some(path) = &self.environment {
             let image = read_environment(path)?;
             let pixels = image.pixels.into_iter().map(Vec3::from).collect();
-            return Ok(Some(Environment::lat_long(image.width, image.height, pixels, rotation, intensity)?));
+            let environment = Environment::lat_long(image.width, image.height, pixels, rotation, intensity);
+            return environment
+                .map(Some)
+                .map_err(|source| BakeError::Environment { path: path.clone(), source });
         }
         Ok(self.sky.map(|radiance| Environment::constant(radiance.into())).transpose()?)
     }

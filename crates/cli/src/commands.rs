@@ -204,6 +204,8 @@ impl From<BakeError> for Failure {
             BakeError::NothingToBake { .. }
             | BakeError::NotBaked { .. }
             | BakeError::NoSignal { .. }
+            | BakeError::Light(_)
+            | BakeError::Environment { .. }
             | BakeError::Mesh(_)
             | BakeError::Image(_) => Exit::Input,
             _ => Exit::Failed,
