@@ -108,7 +108,12 @@ impl Layers {
             .collect();
         let white = white.unwrap_or_else(|| {
             let unbounded = layers.iter().zip(&firsts).filter(|(l, _)| l.domain == Domain::Hdr);
-            unbounded.map(|(l, &first)| white_of(seen, weights, first, l.channels)).fold(0.0, f32::max)
+            let white = |(layer, &first): (&Layer, &usize)| {
+                // The first coefficient of harmonics is irradiance over its basis function, 1 / sqrt(4 pi).
+                let basis = if layer.name.starts_with("irradianceSh") { 0.282_095 } else { 1.0 };
+                basis * white_of(seen, weights, first, layer.channels)
+            };
+            unbounded.map(white).fold(0.0, f32::max)
         });
         let white = if white > 0.0 && white.is_finite() { white } else { 1.0 };
         let scale = |layer: &Layer, first: usize| match layer.domain {

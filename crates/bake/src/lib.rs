@@ -79,7 +79,7 @@ pub fn bake(
     let colors = options.signals.needs_surfaces();
     let scene = Scene::read(input, &options.light.read_options(options.scene, colors))?;
     let occluders = options.light.read_occluders(colors)?;
-    let lighting = options.light.lighting_for(&options.signals, &scene)?;
+    let lighting = options.light.lighting_for(&options.signals, &scene, &occluders)?;
     clock.stage("weld");
     let surface = Surface::with(&scene, &file_name(input), options.light.cast(&scene, &occluders)?)?;
     let plan = Plan::new(options, &surface.mesh)?;
@@ -100,6 +100,7 @@ pub fn bake(
         input,
         output,
         surface: &surface,
+        occluders: &occluders,
         plan: &plan,
         lit: &lit,
         seen: &seen,

@@ -77,8 +77,8 @@ fn is_false(flag: &bool) -> bool {
     !flag
 }
 
-/// How often light is reflected, unless it is told otherwise: what remains after that is below a hundredth of a room
-/// of white walls.
+/// How often light is reflected, unless it is told otherwise: a closed room of albedo 0.7 then misses 0.2 % of its light,
+/// one of 0.8 2 %.
 pub const DEFAULT_BOUNCES: u32 = 16;
 
 /// Where a floor lies.
@@ -267,14 +267,19 @@ impl LightOptions {
     ///
     /// # Errors
     /// As [`Self::lighting`].
-    pub fn lighting_for(&self, signals: &Signals, scene: &Scene) -> Result<Lighting, BakeError> {
+    pub fn lighting_for(
+        &self,
+        signals: &Signals,
+        scene: &Scene,
+        occluders: &[Scene],
+    ) -> Result<Lighting, BakeError> {
         let lighting = self.lighting(scene)?;
-        let dark = lighting.is_empty() && scene.emissive_triangles().is_empty();
-        Ok(if dark && signals.are_paths() { Lighting::studio() } else { lighting })
+        let dark = signals.are_paths() && lighting.is_empty() && !shines(scene, occluders);
+        Ok(if dark { Lighting::studio() } else { lighting })
     }
 
     /// What is worth a word about a scene under this light.
-    pub fn remarks(&self, signals: &Signals, scene: &Scene) -> Vec<String> {
+    pub fn remarks(&self, signals: &Signals, scene: &Scene, occluders: &[Scene]) -> Vec<String> {
         let mut remarks = Vec::new();
         let no_lights = scene.lights.is_empty() || self.no_file_lights;
         let given = self.environment.is_some() || self.sky.is_some() || self.sun.is_some();
@@ -282,7 +287,7 @@ impl LightOptions {
             && no_lights
             && !given
             && self.area_lights.is_empty()
-            && scene.emissive_triangles().is_empty()
+            && !shines(scene, occluders)
         {
             remarks.push(
                 "the scene has no light: a studio is used, a soft dome and a key light (docs/LIGHT.md); give it a \
@@ -414,6 +419,11 @@ impl LightOptions {
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
         self.environment.iter().chain(&self.occluders)
     }
+}
+
+/// Whether any surface shines by itself.
+fn shines(scene: &Scene, occluders: &[Scene]) -> bool {
+    !scene.emissive_triangles().is_empty() || occluders.iter().any(|o| !o.emissive_triangles().is_empty())
 }
 
 /// A path as seen from a folder, with `..` where needed; the path itself where the two have nothing in common.

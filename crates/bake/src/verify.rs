@@ -342,7 +342,7 @@ pub fn verify_file(
     let colors = signals.needs_surfaces();
     let scene = Scene::read(path, &light_options.read_options(options.scene, colors))?;
     let occluders = light_options.read_occluders(colors)?;
-    let lighting = light_options.lighting_for(&signals, &scene)?;
+    let lighting = light_options.lighting_for(&signals, &scene, &occluders)?;
     let surface = Surface::with(&scene, &file, light_options.cast(&scene, &occluders)?)?;
     let light = FileLight::read(&surface, &file)?;
     let tracer = Tracer::new(surface.casters(), &surface)?;

@@ -113,7 +113,7 @@ pub fn in_studio<T>(
     let colors = signals.needs_surfaces();
     let scene = Scene::read(look.file, &options.read_options(look.scene, colors)).map_err(BakeError::from)?;
     let occluders = options.read_occluders(colors)?;
-    let lighting = options.lighting_for(&signals, &scene)?;
+    let lighting = options.lighting_for(&signals, &scene, &occluders)?;
     let surface = Surface::with(&scene, &file, options.cast(&scene, &occluders)?)?;
     let light = recipe.as_ref().map(|_| FileLight::read(&surface, &file)).transpose()?;
     let tracer = Tracer::new(surface.casters(), &surface).map_err(BakeError::from)?;

@@ -229,7 +229,7 @@ impl Sampling {
         let light = LightOptions::default();
         let options = light.read_options(self.scene, signals.needs_surfaces());
         let scene = Scene::read(&self.file, &options).map_err(BakeError::from)?;
-        let lighting = light.lighting_for(&signals, &scene)?;
+        let lighting = light.lighting_for(&signals, &scene, &[])?;
         let surface = Surface::new(&scene, &lightkiln_bake::file_name(&self.file))?;
         let options = BakeOptions {
             quality: self.quality.map_or_else(Default::default, Into::into),

@@ -10,7 +10,7 @@
 //!
 //! White maps to 1. Below white / 15 the curve is about linear and above logarithmic, as the transfer curve of a
 //! display; what is brighter than white goes on above 1. An error bound is a share of the way from black to white:
-//! 3 % allow 0.6 % of white in black, 9 % of the value at white, and less than 17 % anywhere above white / 15.
+//! 3 % allow 0.6 % of white in black, 17 % of the value at white / 15, and 9 % at white and above.
 
 /// How light becomes a perceived value.
 #[derive(Clone, Copy, Debug, PartialEq)]
