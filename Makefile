@@ -115,6 +115,7 @@ validate-scenes: build validator
 
 sheets: build
 	docs/sheets.sh
+	docs/light_sheets.sh
 
 # Also prints the tables of docs/HALF_BOX.md.
 figures: build
