@@ -10,8 +10,6 @@ use lightkiln_report::{
     SCHEMA_VERSION, SceneFigures, Settings, Stage,
 };
 
-use lightkiln_scene::Scene;
-
 use crate::options::Plan;
 use crate::output::Written;
 use crate::rounds::Shown;
@@ -28,8 +26,8 @@ pub struct Everything<'a> {
     pub output: &'a Path,
     /// The light mesh.
     pub surface: &'a Surface<'a>,
-    /// Scenes that stand in the way of light.
-    pub occluders: &'a [Scene],
+    /// What the user should know of the scene and its light.
+    pub remarks: Vec<String>,
     /// Settings with defaults.
     pub plan: &'a Plan,
     /// Samples and the first fit.
@@ -75,7 +73,7 @@ pub fn report(all: Everything<'_>) -> Report {
         bytes,
         warnings: (all.surface.scene.warnings.iter().chain(&all.written.file.warnings))
             .map(ToString::to_string)
-            .chain(plan.light.remarks(&plan.signals, all.surface.scene, all.occluders))
+            .chain(all.remarks)
             .collect(),
         stages: all.stages,
         peak_memory_bytes: None,

@@ -5,7 +5,7 @@ use std::path::Path;
 use lightkiln_encode::{AtlasView, LightCode, Table};
 use lightkiln_light::{Curve, Domain, Layer, Scale};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
-use lightkiln_scene::{LayerRead, ReadOptions, Scene};
+use lightkiln_scene::{LayerRead, Scene};
 use lightkiln_texel::{PngDepth, read_png};
 use serde::{Deserialize, Serialize};
 
@@ -44,8 +44,8 @@ pub struct Extension {
 }
 
 impl Extension {
-    fn read(json: serde_json::Value, file: &str) -> Result<Self, BakeError> {
-        serde_json::from_value(json)
+    fn read(json: &serde_json::Value, file: &str) -> Result<Self, BakeError> {
+        Self::deserialize(json)
             .map_err(|e| BakeError::ReadBack { what: format!("the extension of {file}: {e}") })
     }
 }
@@ -176,7 +176,7 @@ impl FileLight {
             return Err(BakeError::NotBaked { file: file.to_owned() });
         };
         let faulty = |what: String| BakeError::ReadBack { what };
-        let extension = Extension::read(lightmap.extension, file)?;
+        let extension = Extension::read(&lightmap.extension, file)?;
         let size = extension.page_size.unwrap_or_default();
         let (mut layers, mut codes, mut images) = (Vec::new(), Vec::new(), Vec::new());
         let mut first = 0;
@@ -194,16 +194,14 @@ impl FileLight {
         Ok(Self { extension, layers: Layers::of(layers), stored: Stored { size, layers: images }, codes })
     }
 
-    /// How the light of a file was made, read without the scene's colors.
+    /// How the light of a scene was made, without its light; `file` is the name for messages.
     ///
     /// # Errors
     /// As [`Self::read`].
-    pub fn recipe(path: &Path, scene: Option<usize>) -> Result<Recipe, BakeError> {
-        let file = crate::file_name(path);
-        let scene = Scene::read(path, &ReadOptions { scene, ..ReadOptions::default() })?;
-        match scene.read_lightmap()? {
-            Some(lightmap) => Ok(Extension::read(lightmap.extension, &file)?.bake),
-            None => Err(BakeError::NotBaked { file }),
+    pub fn recipe(scene: &Scene, file: &str) -> Result<Recipe, BakeError> {
+        match scene.read_extension()? {
+            Some(extension) => Ok(Extension::read(extension, file)?.bake),
+            None => Err(BakeError::NotBaked { file: file.to_owned() }),
         }
     }
 

@@ -9,7 +9,6 @@ use lightkiln_scene::{ReadOptions, Scene};
 use serde::Serialize;
 
 use crate::file_light::Extension;
-use crate::lighting::LightOptions;
 use crate::rounds::LIGHT_STRIDE;
 use crate::stored::StoredLayer;
 use crate::{BakeError, FileLight, Surface, file_name};
@@ -57,17 +56,14 @@ const LARGEST: usize = 10;
 pub fn inspect(path: &Path) -> Result<Inspection, BakeError> {
     let scene = Scene::read(path, &ReadOptions::default())?;
     let file = file_name(path);
-    let recipe = match FileLight::recipe(path, None) {
-        Ok(recipe) => recipe.light,
-        Err(BakeError::NotBaked { .. }) => LightOptions::default(),
-        Err(error) => return Err(error),
-    };
-    let surface = Surface::with(&scene, &file, recipe.cast(&scene, &[])?)?;
-    let light = match FileLight::read(&surface, &file) {
-        Ok(light) => Some(light),
+    let recipe = match FileLight::recipe(&scene, &file) {
+        Ok(recipe) => Some(recipe),
         Err(BakeError::NotBaked { .. }) => None,
         Err(error) => return Err(error),
     };
+    let options = recipe.as_ref().map(|recipe| recipe.light.clone()).unwrap_or_default();
+    let surface = Surface::with(&scene, &file, options.cast(&scene, &[])?)?;
+    let light = recipe.map(|_| FileLight::read(&surface, &file)).transpose()?;
     let vertices: u64 = (0..scene.parts.len()).map(|p| scene.gltf_vertex_count(p) as u64).sum();
     let images = scene.image_sizes();
     let pixels = images.iter().filter_map(|i| i.pixels).map(|[w, h]| u64::from(w) * u64::from(h));

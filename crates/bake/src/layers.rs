@@ -31,9 +31,7 @@ impl BakedLayer {
     pub fn channels(&self) -> std::ops::Range<usize> {
         self.first..self.first + self.layer.channels
     }
-}
 
-impl BakedLayer {
     /// [`Self::clamp`] in unit values.
     pub fn unit_clamp(&self) -> Option<[f32; 2]> {
         self.clamp.map(|ends| ends.map(|x| self.scale.to_unit(x)))

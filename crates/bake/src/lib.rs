@@ -8,6 +8,7 @@
 //! | [`options`] | what is asked for, and the plan that follows |
 //! | [`surface`] | parts of the scene to one light mesh |
 //! | [`lighting`] | which light there is and what it meets |
+//! | [`scenery`] | all files that light is traced in |
 //! | [`layers`] | what stored values mean, and what an error is |
 //! | [`shade`] | light, fit, classify: rays where a decision is open |
 //! | [`rounds`] | chart, texel, encode, check, until the bound holds |
@@ -33,6 +34,7 @@ pub mod lighting;
 pub mod options;
 pub mod output;
 pub mod rounds;
+pub mod scenery;
 pub mod shade;
 pub mod signals;
 pub mod stored;
@@ -50,6 +52,7 @@ pub use clock::{Clock, Progress, Silent};
 pub use error::BakeError;
 pub use file_light::FileLight;
 pub use options::{BakeOptions, Plan, Quality};
+pub use scenery::{Opened, Scenery};
 pub use surface::Surface;
 
 /// What a bake leaves behind beside the files.
@@ -76,19 +79,16 @@ pub fn bake(
 ) -> Result<Baked, BakeError> {
     let mut clock = Clock::new(progress);
     clock.stage("read");
-    let colors = options.signals.needs_surfaces();
-    let scene = Scene::read(input, &options.light.read_options(options.scene, colors))?;
-    let occluders = options.light.read_occluders(colors)?;
-    let lighting = options.light.lighting_for(&options.signals, &scene, &occluders)?;
+    let scenery = Scenery::read(input, options.scene, &options.signals, &options.light)?;
     clock.stage("weld");
-    let surface = Surface::with(&scene, &file_name(input), options.light.cast(&scene, &occluders)?)?;
+    let surface = scenery.surface(&file_name(input), &options.light)?;
     let plan = Plan::new(options, &surface.mesh)?;
     clock.stage("sample");
     let samples = poisson_disk(&surface.mesh, &SampleOptions { radius: plan.radius, seed: plan.seed })?;
     clock.stage("light");
     let tracer = Tracer::new(surface.casters(), &surface)?;
     surface.turn_hidden_sheets(&tracer, plan.ao_distance);
-    let signal = plan.signals.on(&plan.stage(&surface, &tracer, &lighting))?;
+    let signal = plan.signals.on(&plan.stage(&surface, &tracer, &scenery.lighting))?;
     let signal = signal.as_ref();
     let mut lit = shade::light_fit_classify(&surface, signal, samples, &plan, &mut clock)?;
     let seen = verify::seen_points(&surface, signal, &lit, &plan, &mut clock);
@@ -100,7 +100,7 @@ pub fn bake(
         input,
         output,
         surface: &surface,
-        occluders: &occluders,
+        remarks: scenery.remarks(&plan.light),
         plan: &plan,
         lit: &lit,
         seen: &seen,
@@ -109,8 +109,8 @@ pub fn bake(
         errors,
         stages: clock.finish(),
     });
-    let mut inputs = scene.inputs();
-    inputs.extend(occluders.iter().flat_map(Scene::inputs));
+    let mut inputs = scenery.scene.inputs();
+    inputs.extend(scenery.occluders.iter().flat_map(Scene::inputs));
     inputs.extend(options.light.environment.iter().chain(options.signals.files()).cloned());
     Ok(Baked { report, outputs: written.outputs, inputs })
 }

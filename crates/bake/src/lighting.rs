@@ -10,7 +10,6 @@ use lightkiln_scene::{Glass, LightKind, PunctualLight, ReadOptions, Scene, read_
 use serde::{Deserialize, Serialize};
 
 use crate::BakeError;
-use crate::signals::Signals;
 use crate::surface::Cast;
 
 /// What light there is and what it meets. The defaults are those of a file that says all by itself.
@@ -262,50 +261,6 @@ impl LightOptions {
         Ok(Lighting { lights, environment: self.surroundings()? })
     }
 
-    /// The lights that a bake uses: those of [`Self::lighting`], or a studio's where signals need light and nothing
-    /// shines.
-    ///
-    /// # Errors
-    /// As [`Self::lighting`].
-    pub fn lighting_for(
-        &self,
-        signals: &Signals,
-        scene: &Scene,
-        occluders: &[Scene],
-    ) -> Result<Lighting, BakeError> {
-        let lighting = self.lighting(scene)?;
-        let dark = signals.are_paths() && lighting.is_empty() && !shines(scene, occluders);
-        Ok(if dark { Lighting::studio() } else { lighting })
-    }
-
-    /// What is worth a word about a scene under this light.
-    pub fn remarks(&self, signals: &Signals, scene: &Scene, occluders: &[Scene]) -> Vec<String> {
-        let mut remarks = Vec::new();
-        let no_lights = scene.lights.is_empty() || self.no_file_lights;
-        let given = self.environment.is_some() || self.sky.is_some() || self.sun.is_some();
-        if signals.are_paths()
-            && no_lights
-            && !given
-            && self.area_lights.is_empty()
-            && !shines(scene, occluders)
-        {
-            remarks.push(
-                "the scene has no light: a studio is used, a soft dome and a key light (docs/LIGHT.md); give it a \
-                 --sun, a --sky or an --environment"
-                    .to_owned(),
-            );
-        }
-        let moving = scene.moving_parts().iter().filter(|m| **m).count();
-        if moving > 0 {
-            remarks.push(if self.leave_out_moving {
-                format!("{moving} parts are moved by animations: they get no light and stand in nobody's way")
-            } else {
-                format!("{moving} parts are moved by animations: they are baked where they stand; --moving leave-out leaves them out")
-            });
-        }
-        remarks
-    }
-
     /// The scenes that stand in the way of light.
     ///
     /// # Errors
@@ -419,11 +374,6 @@ impl LightOptions {
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
         self.environment.iter().chain(&self.occluders)
     }
-}
-
-/// Whether any surface shines by itself.
-fn shines(scene: &Scene, occluders: &[Scene]) -> bool {
-    !scene.emissive_triangles().is_empty() || occluders.iter().any(|o| !o.emissive_triangles().is_empty())
 }
 
 /// A path as seen from a folder, with `..` where needed; the path itself where the two have nothing in common.

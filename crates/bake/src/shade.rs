@@ -118,7 +118,7 @@ pub fn light_fit_classify(
     }
     let mut densified = 0;
     loop {
-        clock.stage("filter");
+        clock.stage(if layers.are_filtered() { "filter" } else { "fit" });
         let light =
             layers.filtered_light(&surface.mesh, &samples.points, &estimates, FILTER_RADIUS * plan.radius);
         clock.stage("fit");

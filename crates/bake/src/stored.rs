@@ -146,11 +146,6 @@ impl Stored {
             first += layer.channels;
         }
     }
-
-    /// What a single code shows.
-    pub fn show_code(&self, views: &[AtlasView<'_>], codes: impl Fn(usize) -> LightCode, out: &mut [f32]) {
-        self.show(views, |layer| [codes(layer); 3], [0.0, 0.0], out);
-    }
 }
 
 #[cfg(test)]

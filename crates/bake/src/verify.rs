@@ -17,8 +17,7 @@ use crate::options::{CONFIDENCE, Plan};
 use crate::output::Written;
 use crate::rounds::Shown;
 use crate::shade::{Lit, interpolate, refine};
-use crate::signals::Stage;
-use crate::{BakeError, FileLight, Surface};
+use crate::{BakeError, FileLight, Opened, Surface};
 
 /// How many nodes with coarse texels a report names.
 const COARSE_NODES: usize = 10;
@@ -334,37 +333,23 @@ pub fn verify_file(
     let mut clock = Clock::new(progress);
     clock.stage("read");
     let file = crate::file_name(path);
-    let recipe = FileLight::recipe(path, options.scene)?;
-    let (signals, mut light_options) = recipe.read(path.parent().unwrap_or(Path::new("")))?;
-    if let Some(environment) = &options.environment {
-        light_options.environment = Some(environment.clone());
-    }
-    let colors = signals.needs_surfaces();
-    let scene = Scene::read(path, &light_options.read_options(options.scene, colors))?;
-    let occluders = light_options.read_occluders(colors)?;
-    let lighting = light_options.lighting_for(&signals, &scene, &occluders)?;
-    let surface = Surface::with(&scene, &file, light_options.cast(&scene, &occluders)?)?;
+    let opened = Opened::read(path, options.scene, options.environment.as_deref(), true)?;
+    let surface = opened.scenery.surface(&file, &opened.options)?;
     let light = FileLight::read(&surface, &file)?;
     let tracer = Tracer::new(surface.casters(), &surface)?;
-    surface.turn_hidden_sheets(&tracer, recipe.reach());
-    let signal = signals.on(&Stage {
-        surface: &surface,
-        tracer: &tracer,
-        lighting: &lighting,
-        options: &light_options,
-        distance: recipe.reach(),
-        seed: options.seed ^ VERIFY_STREAM,
-    })?;
+    let distance = light.extension.bake.reach();
+    surface.turn_hidden_sheets(&tracer, distance);
+    let seed = options.seed ^ VERIFY_STREAM;
+    let signal = opened.signals.on(&opened.stage(&surface, &tracer, distance, seed))?;
     let signal = signal.as_ref();
     clock.stage("verify");
     let batches = options.rays.div_ceil(signal.rays_per_batch()).clamp(2, u32::from(u16::MAX)) as u16;
-    let seed = options.seed ^ VERIFY_STREAM;
     let fresh = References::trace(&surface, signal, &light.layers, options.points, batches, seed, &clock);
     let views = light.views()?;
     let limit = light.extension.max_error;
     let shown = |p: SurfacePoint, out: &mut [f32]| light.show(&views, p, out);
     let mut errors = fresh.judge(&surface, &shown, &|p| light.is_texture(p.triangle), limit);
-    if !signals.is_traced() {
+    if !opened.signals.is_traced() {
         errors.rays_per_point = 0;
     }
     Ok(errors)

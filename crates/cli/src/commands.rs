@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use lightkiln_bake::{BakeError, bake};
+use lightkiln_bake::{BakeError, BakeOptions, bake};
 use lightkiln_report::{bytes_text, table};
 
 use crate::arguments::{Arguments, Bake, Command, Common, Inspect, Verify};
@@ -44,9 +44,10 @@ fn run_bake(arguments: &Bake) -> Result<Exit, Failure> {
         return print(&text);
     }
     use_threads(&arguments.common)?;
-    check_files(arguments)?;
+    let options = settings.options();
+    check_files(arguments, &options)?;
     let stages = Stages::new(arguments.common.quiet);
-    let baked = bake(&arguments.input, &arguments.output, &settings.options(), &stages);
+    let baked = bake(&arguments.input, &arguments.output, &options, &stages);
     stages.finish();
     let mut baked = baked.map_err(|error| Failure::from(error).or_in(&arguments.input))?;
     baked.report.peak_memory_bytes = peak_memory_bytes();
@@ -87,7 +88,7 @@ fn run_bake(arguments: &Bake) -> Result<Exit, Failure> {
 }
 
 /// Finds out before the work whether the outputs can be written and overwrite nothing that is needed.
-fn check_files(arguments: &Bake) -> Result<(), Failure> {
+fn check_files(arguments: &Bake, options: &BakeOptions) -> Result<(), Failure> {
     let Bake { input, output, config, report, depfile, .. } = arguments;
     let ending = output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     if !matches!(ending.as_deref(), Some("glb" | "gltf")) {
@@ -99,8 +100,6 @@ fn check_files(arguments: &Bake) -> Result<(), Failure> {
     inputs.extend(config.as_deref());
     outputs.extend(report.iter().map(std::path::PathBuf::as_path));
     outputs.extend(depfile.as_deref());
-    let settings = arguments.settings()?;
-    let options = settings.options();
     inputs.extend(options.light.files().chain(options.signals.files()).map(std::path::PathBuf::as_path));
     check_outputs(&inputs, &outputs)
 }

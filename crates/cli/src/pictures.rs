@@ -7,15 +7,13 @@ use glam::Vec3;
 use lightkiln_bake::file_light::Recipe;
 use lightkiln_bake::layers::Layers;
 use lightkiln_bake::options::BakeBounds;
-use lightkiln_bake::signals::Stage;
-use lightkiln_bake::{BakeError, Clock, FileLight, Surface, options, shade};
+use lightkiln_bake::{BakeError, Clock, FileLight, Opened, Surface, options, shade};
 use lightkiln_encode::AtlasView;
 use lightkiln_light::{Estimates, Hit, Signal, Surfaces, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
 use lightkiln_page::ErrorPoint;
 use lightkiln_render::{Camera, Picture, View, render};
 use lightkiln_sample::{SampleOptions, poisson_disk};
-use lightkiln_scene::Scene;
 
 use crate::arguments::{ModeName, Render};
 use crate::commands::use_threads;
@@ -100,34 +98,15 @@ pub fn in_studio<T>(
 ) -> Result<T, Failure> {
     let file = lightkiln_bake::file_name(look.file);
     clock.stage("read");
-    let recipe = match FileLight::recipe(look.file, look.scene) {
-        Ok(recipe) => Some(recipe),
-        Err(BakeError::NotBaked { .. }) if !look.needs_light => None,
-        Err(error) => return Err(error.into()),
-    };
-    let folder = look.file.parent().unwrap_or(Path::new(""));
-    let (signals, options) = match &recipe {
-        Some(recipe) => recipe.read(folder)?,
-        None => Default::default(),
-    };
-    let colors = signals.needs_surfaces();
-    let scene = Scene::read(look.file, &options.read_options(look.scene, colors)).map_err(BakeError::from)?;
-    let occluders = options.read_occluders(colors)?;
-    let lighting = options.lighting_for(&signals, &scene, &occluders)?;
-    let surface = Surface::with(&scene, &file, options.cast(&scene, &occluders)?)?;
-    let light = recipe.as_ref().map(|_| FileLight::read(&surface, &file)).transpose()?;
+    let opened = Opened::read(look.file, look.scene, None, look.needs_light)?;
+    let surface = opened.scenery.surface(&file, &opened.options)?;
+    let light = opened.recipe.as_ref().map(|_| FileLight::read(&surface, &file)).transpose()?;
     let tracer = Tracer::new(surface.casters(), &surface).map_err(BakeError::from)?;
     let (low, high) = surface.mesh.bounds();
-    let distance = recipe.as_ref().map_or((high - low).length() * options::DEFAULT_DISTANCE, Recipe::reach);
+    let usual = (high - low).length() * options::DEFAULT_DISTANCE;
+    let distance = opened.recipe.as_ref().map_or(usual, Recipe::reach);
     surface.turn_hidden_sheets(&tracer, distance);
-    let signal = signals.on(&Stage {
-        surface: &surface,
-        tracer: &tracer,
-        lighting: &lighting,
-        options: &options,
-        distance,
-        seed: PICTURE_SEED,
-    })?;
+    let signal = opened.signals.on(&opened.stage(&surface, &tracer, distance, PICTURE_SEED))?;
     let layers = match &light {
         Some(light) => light.layers.clone(),
         None => {

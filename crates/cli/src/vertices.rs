@@ -10,13 +10,12 @@ use lightkiln_bake::compare::{
 };
 use lightkiln_bake::lighting::LightOptions;
 use lightkiln_bake::signals::{SIGNALS, SignalChoice, Signals};
-use lightkiln_bake::{BakeError, BakeOptions, Clock, Plan, Surface};
+use lightkiln_bake::{BakeError, BakeOptions, Clock, Plan, Scenery, Surface};
 use lightkiln_fit::{Mass, Method, Regularizer};
 use lightkiln_light::{Hit, Signal, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
 use lightkiln_render::{Camera, Picture, View, render};
 use lightkiln_report::bytes_text;
-use lightkiln_scene::Scene;
 
 use crate::arguments::{Common, QualityName};
 use crate::commands::{print, use_threads};
@@ -227,10 +226,8 @@ impl Sampling {
         clock.stage("read");
         let signals = Signals(vec![self.signal.clone()]);
         let light = LightOptions::default();
-        let options = light.read_options(self.scene, signals.needs_surfaces());
-        let scene = Scene::read(&self.file, &options).map_err(BakeError::from)?;
-        let lighting = light.lighting_for(&signals, &scene, &[])?;
-        let surface = Surface::new(&scene, &lightkiln_bake::file_name(&self.file))?;
+        let scenery = Scenery::read(&self.file, self.scene, &signals, &light)?;
+        let surface = scenery.surface(&lightkiln_bake::file_name(&self.file), &light)?;
         let options = BakeOptions {
             quality: self.quality.map_or_else(Default::default, Into::into),
             samples: self.samples,
@@ -240,9 +237,9 @@ impl Sampling {
             ..BakeOptions::default()
         };
         let plan = Plan::new(&options, &surface.mesh)?;
-        let tracer = Tracer::new(&surface.mesh, &surface).map_err(BakeError::from)?;
+        let tracer = Tracer::new(surface.casters(), &surface).map_err(BakeError::from)?;
         surface.turn_hidden_sheets(&tracer, plan.ao_distance);
-        let signal = self.signal.on(&plan.stage(&surface, &tracer, &lighting))?;
+        let signal = self.signal.on(&plan.stage(&surface, &tracer, &scenery.lighting))?;
         // Where nothing is traced, one look is enough.
         let batches =
             if self.signal.is_traced() { self.rays.div_ceil(signal.rays_per_batch()) as u16 } else { 1 };

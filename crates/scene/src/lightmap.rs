@@ -93,6 +93,18 @@ fn check_version(json: &Value) -> Result<(), SceneError> {
 }
 
 impl Scene {
+    /// What the extension of a file that this program baked says, without its light; `None` for any other file.
+    ///
+    /// # Errors
+    /// [`SceneError::Unsupported`] for light of another version.
+    pub fn read_extension(&self) -> Result<Option<&Value>, SceneError> {
+        let Some(json) = self.baked.as_ref().and_then(|root| extension(root, EXTENSION)) else {
+            return Ok(None);
+        };
+        check_version(json)?;
+        Ok(Some(json))
+    }
+
     /// The light of a file that this program baked; `None` for any other file.
     ///
     /// # Errors
@@ -100,8 +112,7 @@ impl Scene {
     /// extension names are damaged.
     pub fn read_lightmap(&self) -> Result<Option<Lightmap>, SceneError> {
         let Some(root) = &self.baked else { return Ok(None) };
-        let Some(json) = extension(root, EXTENSION) else { return Ok(None) };
-        check_version(json)?;
+        let Some(json) = self.read_extension()? else { return Ok(None) };
         let mut layers = Vec::new();
         for (number, layer) in list(json, "layers").iter().enumerate() {
             layers.push(self.layer(root, number, layer)?);
