@@ -10,6 +10,11 @@ export const SUBTEXELS: number
 export const ETA_EPSILON: number
 export const CURVE_KNEE: number
 export const CURVE_BASE: number
+export const SH_CONSTANT: number
+export const SH_LINEAR: number
+export const SH_PRODUCT: number
+export const SH_AXIS: number
+export const SH_DIFFERENCE: number
 
 /** How the color of a color-vertex is stored. */
 export type Form = 'scalar' | 'rgb' | 'table'
