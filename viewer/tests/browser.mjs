@@ -34,8 +34,8 @@ export async function startBrowser({ root = VIEWER, flags = [] } = {}) {
   const args = ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', ...flags]
   const browser = await chromium.launch({ executablePath: executable(), args })
 
-  /** A page, with everything that it complained about in `complaints`. */
-  async function open(path, viewport = { width: 256, height: 256 }) {
+  /** A page of this server or of another one, once it says that it is `ready`, with everything that it complained about in `complaints`. */
+  async function open(path, viewport = { width: 256, height: 256 }, ready = () => globalThis.ready === true) {
     const page = await browser.newPage({ viewport })
     const complaints = []
     page.on('console', (message) => {
@@ -43,8 +43,8 @@ export async function startBrowser({ root = VIEWER, flags = [] } = {}) {
     })
     page.on('pageerror', (error) => complaints.push(String(error)))
     page.on('response', (response) => response.status() >= 400 && complaints.push(`${response.status()} ${response.url()}`))
-    await page.goto(origin + path)
-    await page.waitForFunction(() => globalThis.ready === true)
+    await page.goto(new URL(path, origin).href)
+    await page.waitForFunction(ready)
     return { page, complaints }
   }
 
