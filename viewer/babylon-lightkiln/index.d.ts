@@ -8,7 +8,7 @@ export type { Layer, Role }
 export interface LightkilnOptions {
   /**
    * What each layer does. By default `ambientOcclusion` is `'occlusion'`; `irradiance`, or else `direct` and `indirect`,
-   * are `'irradiance'`; all others are `'none'` and not loaded.
+   * are `'irradiance'`, as are harmonics in their place (`'harmonics'`); all others are `'none'` and not loaded.
    */
   role?: (layer: Layer, layers: Layer[]) => Role | undefined
   /** 0: none, 1: as baked. */

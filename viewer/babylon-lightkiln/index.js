@@ -79,6 +79,7 @@ class LightkilnLoader {
 
   async loadVertexData(context, primitive, mesh) {
     const isLit = await this.loading
+    this.light.root ??= this.loader.rootBabylonMesh
     if (isLit && !this.prepared.has(primitive)) {
       preparePrimitive(primitive, this.light.layers)
       this.prepared.add(primitive)

@@ -4,6 +4,7 @@ import { Constants } from '@babylonjs/core/Engines/constants.js'
 import { RawTexture } from '@babylonjs/core/Materials/Textures/rawTexture.js'
 import { RawTexture2DArray } from '@babylonjs/core/Materials/Textures/rawTexture2DArray.js'
 import { Texture } from '@babylonjs/core/Materials/Textures/texture.js'
+import { Matrix } from '@babylonjs/core/Maths/math.vector.js'
 import { defaultRole, pack } from 'lightkiln-format'
 import { LightkilnMaterialPlugin } from './material.js'
 
@@ -12,18 +13,18 @@ export class Light {
   /** `null` while textures are loading. */
   isReady = null
   plugins = new Set()
+  /** The node that holds the file: harmonics are in its world. */
+  root = null
   #view = null
 
   constructor({ layers, pageSize }, scene, options = {}) {
-    // Harmonics are not shown yet.
-    const known = (role) => (role === undefined || role === 'harmonics' ? 'none' : role)
     const role = options.role ?? ((layer) => defaultRole(layer, layers))
     this.scene = scene
     this.pageSize = pageSize
     // Which textures there will be is known before they are, and the shaders depend on that alone.
     this.layers = layers.map((layer) => ({
       ...layer,
-      role: known(role(layer, layers)),
+      role: role(layer, layers) ?? 'none',
       atlas: layer.pages.length > 0 ? undefined : null,
       palette: layer.table === null ? null : undefined,
     }))
@@ -81,6 +82,12 @@ export class Light {
 
   apply(material) {
     this.plugins.add(new LightkilnMaterialPlugin(material, this))
+  }
+
+  /** Turns normals of the scene into those of the file, a 3 x 3 matrix column by column; lengths are left to the shader. */
+  fromWorld() {
+    const m = this.root === null ? Matrix.IdentityReadOnly.m : this.root.getWorldMatrix().m
+    return Float32Array.of(m[0], m[4], m[8], m[1], m[5], m[9], m[2], m[6], m[10])
   }
 
   dispose() {

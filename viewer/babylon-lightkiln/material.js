@@ -1,14 +1,16 @@
 // The eta-blend as a plugin of Babylon's PBRMaterial.
 //
 // Light is evaluated, by the GLSL of lightkiln-format, where `main` begins. Occlusion joins Babylon's own
-// (`ambientTexture`), which dims the environment and not the lamps; irradiance is added to the diffuse light, dimmed by
-// the material's own occlusion and not by ours; shadow dims all lamps.
+// (`ambientTexture`), which dims the environment and not the lamps; irradiance (harmonics: for the normal of the pixel) is
+// added to the diffuse light, dimmed by the material's own occlusion and not by ours; shadow dims all lamps.
 //
 // Materials are shared by meshes with and without light: the define LIGHTKILN is per mesh.
 
 import { MaterialPluginBase } from '@babylonjs/core/Materials/materialPluginBase.js'
 import { Vector3 } from '@babylonjs/core/Maths/math.vector.js'
-import { attributeName, fragmentDeclarations, fragmentMain, shaderKey, vertexDeclarations, vertexMain } from 'lightkiln-format'
+import {
+  attributeName, fragmentDeclarations, fragmentMain, harmonicIrradiance, shaderKey, vertexDeclarations, vertexMain,
+} from 'lightkiln-format'
 
 const onlyWithLight = (code) => `#ifdef LIGHTKILN\n${code}\n#endif\n`
 const withLight = (code, without) => `\n#ifdef LIGHTKILN\n${code}\n#else\n${without}\n#endif\n`
@@ -61,7 +63,7 @@ export class LightkilnMaterialPlugin extends MaterialPluginBase {
   getUniforms() {
     const scales = this.light.used.map(({ index }) => `lightkilnScale${index}`)
     const intensities = ['lightkilnOcclusionIntensity', 'lightkilnIrradianceIntensity', 'lightkilnShadowIntensity']
-    return { externalUniforms: [...scales, ...intensities] }
+    return { externalUniforms: [...scales, ...intensities, 'lightkilnFromWorld'] }
   }
 
   getActiveTextures(textures) {
@@ -83,6 +85,7 @@ export class LightkilnMaterialPlugin extends MaterialPluginBase {
     effect.setFloat('lightkilnOcclusionIntensity', light.occlusionIntensity)
     effect.setFloat('lightkilnIrradianceIntensity', light.irradianceIntensity)
     effect.setFloat('lightkilnShadowIntensity', light.shadowIntensity)
+    if (light.used.some(({ role }) => role === 'harmonics')) effect.setMatrix3x3('lightkilnFromWorld', light.fromWorld())
   }
 
   getCustomCode(shaderType) {
@@ -96,7 +99,7 @@ export class LightkilnMaterialPlugin extends MaterialPluginBase {
     }
     const viewed = this.#viewed()
     return {
-      CUSTOM_FRAGMENT_DEFINITIONS: onlyWithLight(fragmentDeclarations(layers)),
+      CUSTOM_FRAGMENT_DEFINITIONS: onlyWithLight(`${fragmentDeclarations(layers)}\nuniform mat3 lightkilnFromWorld;`),
       CUSTOM_FRAGMENT_MAIN_BEGIN: onlyWithLight(fragmentMain(layers)),
       ...lighting(layers),
       // Babylon asks once which points there are, so this one is always named.
@@ -114,7 +117,8 @@ export class LightkilnMaterialPlugin extends MaterialPluginBase {
 function lighting(layers) {
   const uses = (role) => layers.some((layer) => layer.role === role)
   const points = {}
-  if (uses('occlusion') || uses('irradiance')) {
+  const isAdded = uses('irradiance') || uses('harmonics')
+  if (uses('occlusion') || isAdded) {
     const begin = 'vec3 baseColor=surfaceAlbedo;reflectivityOutParams reflectivityOut;'
     points['!vec3 baseColor=surfaceAlbedo;reflectivityOutParams reflectivityOut;'] = withLight(
       `vec3 lightkilnOwnOcclusion = aoOut.ambientOcclusionColor;
@@ -142,7 +146,12 @@ function lighting(layers) {
   }
   const unlit = uses('irradiance') ? 'finalDiffuse *= lightkilnIrradiance / 3.14159265358979;'
     : uses('occlusion') ? 'finalDiffuse *= lightkilnOcclusion;' : ''
-  const lit = !uses('irradiance') ? '' : `
+  const harmonics = uses('harmonics') ? `{
+      vec3 n = normalize(lightkilnFromWorld * normalW);
+      lightkilnIrradiance += ${harmonicIrradiance(layers)};
+    }` : ''
+  const lit = !isAdded ? '' : `
+    ${harmonics}
     vec3 lightkilnDiffuse = lightkilnIrradiance / 3.14159265358979 * surfaceAlbedo.rgb * lightkilnOwnOcclusion;
     #ifndef LEGACY_SPECULAR_ENERGY_CONSERVATION
       #if defined(METALLICWORKFLOW) || defined(SPECULAR_GLOSSINESS_ENERGY_CONSERVATION)

@@ -129,6 +129,28 @@ test('irradiance is not dimmed by the occlusion beside it', async () => {
   quiet()
 })
 
+test('harmonics are irradiance for the normal of the pixel, also when the model is turned', async () => {
+  const coefficients = [[0.5, 0.75, 0.25], [0.12, 0.05, 0.02], [0.22, 0.1, 0.15], [0.07, 0.17, 0.05], [0.02, 0.05, 0.07], [0.1, 0, 0.02],
+    [0.07, 0.15, 0.05], [0.05, 0.02, 0.12], [0.15, 0.07, 0.02]]
+  for (const count of [1, 4, 9]) {
+    const layers = coefficients.slice(0, count).map((c, k) => ({ ...irradiance(c), signal: `irradianceSh${k}` }))
+    // At the normal (0, 0, 1).
+    const basis = [0.28209479177387814, 0, 0.4886025119029199, 0, 0, 0, 2 * 0.31539156525252005, 0, 0]
+    const e = [0, 1, 2].map((k) => coefficients.slice(0, count).reduce((sum, c, i) => sum + c[k] * basis[i], 0))
+    for (const turn of ['', "const root = scene.getNodeByName('__root__'); root.rotationQuaternion = null; root.rotation.set(0.4, 0.5, 2); root.scaling.scaleInPlace(3)"]) {
+      const pictures = []
+      for (const layer of [layers, [irradiance(e)], [irradiance(e.map((x) => x / 2))]]) {
+        await load(square({ layers: layer, material: lit() }), { irradianceIntensity: 4 })
+        await change(turn)
+        pictures.push(await middle())
+      }
+      near(pictures[0], pictures[1], 2 * STEP)
+      assert.ok(pictures[0][1] > pictures[2][1] + 20 * STEP, 'light that is half as much looks the same')
+    }
+  }
+  quiet()
+})
+
 test('shadow dims lamps, and only when it is asked for', async () => {
   const layers = [occlusion(255), { signal: 'shadow', codes: four(scalarCode(0.25)) }]
   const bytes = square({ layers, material: lit(), fallback: false })
