@@ -3,11 +3,14 @@
 #   make build      the program, target/release/lightkiln
 #   make test       all tests
 #   make test-view  `lightkiln view` and the report's page in a headless browser
+#   make browser-deps  what the tests of the next line need: Chromium and Mesa's software Vulkan, by apt-get
+#   make test-gpu   the WGSL on Vulkan against the CPU decoder    make test-gpu-web  the GLSL in headless Chromium
 #   make lint       clippy, warnings denied        make fmt   rustfmt
 #   make bench      one bench per stage            make scenes  the big scenes, into data/big
 #   make bake       bake every scene of data/ into out/; editing one scene rebuilds one
 #   make report     print the reports of out/      make validate  validator and schemas over out/
 #   make validate-scenes SCENES_DIR=...             the same over scenes of your own, and glTF-Transform
+#   make test-scenes SCENES_DIR=...                 opens every one of them in three.js, Babylon.js and `view`
 #   make viewer     npm ci of viewer/                make test-viewer  its tests, in headless Chromium
 #   make sheets     the picture sheets of docs/       make figures  the charts of docs/
 #   make peers      irradiance against another path tracer, which PEERS_PYTHON has: see tests/peers
@@ -22,11 +25,12 @@ SEAT_VIEW = --ao-distance inf --rays 128 --zoom 3.5 --target=0,0.35,0.05
 SCENES = $(wildcard data/*.glb)
 BAKED = $(SCENES:data/%.glb=out/%.baked.glb)
 
-# Where validate-scenes finds scenes.
+# Where validate-scenes and others find scenes.
 SCENES_DIR ?= ../shared/scenes
+BAKED_SCENES = $(patsubst $(SCENES_DIR)/%,out/scenes/%,$(wildcard $(SCENES_DIR)/*.glb))
 
 .PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets figures clean
-.PHONY: viewer test-viewer test-view test-build validator validate validate-scenes peers
+.PHONY: viewer test-viewer test-view test-scenes test-gpu test-gpu-web browser-deps test-build validator validate validate-scenes peers
 .DELETE_ON_ERROR:
 
 build:
@@ -34,6 +38,32 @@ build:
 
 test:
 	$(CARGO) test --release --locked --workspace
+
+# The shaders against their CPU twin: the WGSL on Vulkan, the GLSL in a browser. Mesa's llvmpipe filters textures of 8 bits
+# in 8 bits unless it is told not to.
+test-gpu:
+	GALLIVM_PERF=no_aos_sampling $(CARGO) test --release --locked --workspace --features lightkiln-gpu/vulkan \
+	  --test vulkan -- --nocapture
+
+test-gpu-web: viewer
+	$(CARGO) build --release --locked --workspace --example gpu_page
+	@mkdir -p out
+	target/release/examples/gpu_page > out/gpu_check.html
+	node --test --test-reporter=spec tests/gpu/web.test.mjs
+
+# What tests with a browser or a Vulkan driver need, on Debian and its kin.
+browser-deps:
+	apt-get update -qq
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium mesa-vulkan-drivers \
+	  </dev/null >/dev/null
+
+# Real scenes, opened in three.js, Babylon.js and `lightkiln view`.
+test-scenes: $(BAKED_SCENES) build viewer
+ifeq ($(BAKED_SCENES),)
+	@echo "no .glb in SCENES_DIR, which is $(SCENES_DIR): there is nothing to open"; exit 1
+else
+	LIGHTKILN_FILES=$(CURDIR)/out/scenes node --test --test-reporter=spec viewer/scenes/
+endif
 
 # Builds what `test` runs, and with it the program.
 test-build:
@@ -103,15 +133,13 @@ out/cornell_box_light.baked.glb: data/cornell_box.glb | build
 	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --signal lightmap
 
 # A bound that a draft does not keep (6) is no fault of the file that was written.
-validate-scenes: build validator
+out/scenes/%.glb: $(SCENES_DIR)/%.glb | build
 	@mkdir -p out/scenes
-	@for f in "$(SCENES_DIR)"/*.glb; do \
-	  name=$$(basename "$$f" .glb); \
-	  $(LIGHTKILN) bake "$$f" -o "out/scenes/$$name.glb" $(BAKE_FLAGS) --report "out/scenes/$$name.json" --quiet \
-	    || test $$? = 6 || exit 1; \
-	done
+	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --report out/scenes/$*.json --quiet || test $$? = 6
+
+validate-scenes: $(BAKED_SCENES) validator
 	node tests/validator/scenes.mjs "$(SCENES_DIR)" out/scenes
-	node tests/validator/schema.mjs out/scenes/*.json out/scenes/*.glb
+	node tests/validator/schema.mjs $(BAKED_SCENES:.glb=.json) $(BAKED_SCENES)
 
 sheets: build
 	docs/sheets.sh

@@ -14,20 +14,23 @@ const float LIGHTKILN_SH_AXIS = 0.31539156525252005;
 const float LIGHTKILN_SH_DIFFERENCE = 0.5462742152960396;
 
 // eta * tex(UV / eta). `place` is interpolated from `lightkilnVertexPlace`. To be called where all pixels pass:
-// derivatives are undefined inside of branches. Those of UV / eta follow from them by the quotient rule.
+// derivatives are undefined inside of branches. Those of UV / eta follow from them by the quotient rule, and the level
+// from those: a lookup with a level costs less than one with gradients.
 vec3 lightkilnLightTexel(highp sampler2DArray atlas, vec3 place) {
     vec3 byX = dFdx(place);
     vec3 byY = dFdy(place);
     float eta = place.z;
     vec3 texel = vec3(0.0);
     if (eta > LIGHTKILN_ETA_EPSILON) {
-        vec2 position = place.xy / eta;
+        float share = 1.0 / eta;
+        vec2 position = place.xy * share;
+        vec2 texelsByX = (byX.xy - position * byX.z) * share;
+        vec2 texelsByY = (byY.xy - position * byY.z) * share;
+        float level = 0.5 * log2(max(1.0, max(dot(texelsByX, texelsByX), dot(texelsByY, texelsByY))));
         vec3 size = vec3(textureSize(atlas, 0));
         float page = clamp(floor(position.y / size.y), 0.0, size.z - 1.0);
         vec2 uv = vec2(position.x, position.y - page * size.y) / size.xy;
-        vec2 uvByX = (byX.xy - position * byX.z) / (eta * size.xy);
-        vec2 uvByY = (byY.xy - position * byY.z) / (eta * size.xy);
-        texel = eta * textureGrad(atlas, vec3(uv, page), uvByX, uvByY).rgb;
+        texel = eta * textureLod(atlas, vec3(uv, page), level).rgb;
     }
     return texel;
 }
@@ -45,14 +48,18 @@ vec3 lightkilnLightRgb(highp sampler2DArray atlas, vec3 color, vec3 place) {
 // From a unit value to the signal's unit. `scale`: P(low), P(high) - P(low), and white (0: the curve is linear).
 float lightkilnLightUnscale(float unit, vec3 scale) {
     float p = scale.x + unit * scale.y;
-    float light = sign(p) * (pow(LIGHTKILN_CURVE_BASE, abs(p)) - 1.0) * (scale.z / LIGHTKILN_CURVE_KNEE);
-    return scale.z > 0.0 ? light : p;
+    if (scale.z <= 0.0) {
+        return p;
+    }
+    return sign(p) * (pow(LIGHTKILN_CURVE_BASE, abs(p)) - 1.0) * (scale.z / LIGHTKILN_CURVE_KNEE);
 }
 
 vec3 lightkilnLightUnscaleRgb(vec3 unit, vec3 scale) {
     vec3 p = scale.x + unit * scale.y;
-    vec3 light = sign(p) * (pow(vec3(LIGHTKILN_CURVE_BASE), abs(p)) - 1.0) * (scale.z / LIGHTKILN_CURVE_KNEE);
-    return scale.z > 0.0 ? light : p;
+    if (scale.z <= 0.0) {
+        return p;
+    }
+    return sign(p) * (pow(vec3(LIGHTKILN_CURVE_BASE), abs(p)) - 1.0) * (scale.z / LIGHTKILN_CURVE_KNEE);
 }
 
 // For layers with a `clamp` in the file, after unscaling: `ends` are its two numbers. (Kavan et al. 2011, section 3.3)

@@ -78,20 +78,24 @@ fn lightkilnVertexInterop(pair: vec2<f32>, stack: vec2<f32>) -> vec2<u32> {
 // Fragment stage.
 
 // eta * tex(UV / eta). `place` is interpolated from `lightkilnVertexPlace`. To be called where all pixels pass:
-// derivatives are undefined inside of branches. Those of UV / eta follow from them by the quotient rule.
+// derivatives are undefined inside of branches. Those of UV / eta follow from them by the quotient rule, and the level
+// from those: a lookup with a level costs less than one with gradients.
 fn lightkilnLightTexel(atlas: texture_2d_array<f32>, linear: sampler, place: vec3<f32>) -> vec3<f32> {
     let by_x = dpdx(place);
     let by_y = dpdy(place);
     let eta = place.z;
     var texel = vec3<f32>(0.0);
     if eta > LIGHTKILN_ETA_EPSILON {
-        let position = place.xy / eta;
+        let share = 1.0 / eta;
+        let position = place.xy * share;
+        let texels_by_x = (by_x.xy - position * by_x.z) * share;
+        let texels_by_y = (by_y.xy - position * by_y.z) * share;
+        let steps = max(dot(texels_by_x, texels_by_x), dot(texels_by_y, texels_by_y));
+        let level = 0.5 * log2(max(1.0, steps));
         let size = vec2<f32>(textureDimensions(atlas));
         let page = clamp(floor(position.y / size.y), 0.0, f32(textureNumLayers(atlas)) - 1.0);
         let uv = vec2<f32>(position.x, position.y - page * size.y) / size;
-        let uv_by_x = (by_x.xy - position * by_x.z) / (eta * size);
-        let uv_by_y = (by_y.xy - position * by_y.z) / (eta * size);
-        texel = eta * textureSampleGrad(atlas, linear, uv, i32(page), uv_by_x, uv_by_y).rgb;
+        texel = eta * textureSampleLevel(atlas, linear, uv, i32(page), level).rgb;
     }
     return texel;
 }
@@ -108,13 +112,19 @@ fn lightkilnLightRgb(atlas: texture_2d_array<f32>, linear: sampler, color: vec3<
 
 // From a unit value to the signal's unit. `scale`: P(low), P(high) - P(low), and white (0: the curve is linear).
 fn lightkilnLightUnscale(unit: f32, scale: vec3<f32>) -> f32 {
-    return lightkilnLightUnscaleRgb(vec3<f32>(unit), scale).x;
+    let p = scale.x + unit * scale.y;
+    if scale.z <= 0.0 {
+        return p;
+    }
+    return sign(p) * (pow(LIGHTKILN_CURVE_BASE, abs(p)) - 1.0) * (scale.z / LIGHTKILN_CURVE_KNEE);
 }
 
 fn lightkilnLightUnscaleRgb(unit: vec3<f32>, scale: vec3<f32>) -> vec3<f32> {
     let p = scale.x + unit * scale.y;
-    let powers = pow(vec3<f32>(LIGHTKILN_CURVE_BASE), abs(p)) - 1.0;
-    return select(p, sign(p) * powers * (scale.z / LIGHTKILN_CURVE_KNEE), scale.z > 0.0);
+    if scale.z <= 0.0 {
+        return p;
+    }
+    return sign(p) * (pow(vec3<f32>(LIGHTKILN_CURVE_BASE), abs(p)) - 1.0) * (scale.z / LIGHTKILN_CURVE_KNEE);
 }
 
 // For layers with a `clamp` in the file, after unscaling: `ends` are its two numbers. (Kavan et al. 2011, section 3.3)

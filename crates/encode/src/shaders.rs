@@ -197,7 +197,7 @@ fn vulkan_from_es(source: &str) -> String {
                     &format!("highp sampler{kind} {name}"),
                     &format!("texture{kind} {name}_texels, sampler {name}_sampler"),
                 )
-                .replace(&format!("textureGrad({name}"), &format!("textureGrad(sampler{kind}({pair})"))
+                .replace(&format!("textureLod({name}"), &format!("textureLod(sampler{kind}({pair})"))
                 .replace(&format!("textureSize({name}"), &format!("textureSize(sampler{kind}({pair})"))
                 .replace(&format!("texelFetch({name}"), &format!("texelFetch(sampler{kind}({pair})"))
                 .replace(&format!("({name},"), &format!("({pair},"))
@@ -238,7 +238,7 @@ fn shader_stages_fit_each_other() {
 #[test]
 fn shader_lookup_has_a_level_of_its_own() {
     // An implicit derivative inside the branch is undefined; WGSL refuses it, GLSL does not.
-    assert!(FRAGMENT.contains("textureGrad(") && !FRAGMENT.contains("texture("));
+    assert!(FRAGMENT.contains("textureLod(") && !FRAGMENT.contains("texture("));
     let branch = FRAGMENT.split("if (eta >").nth(1).expect("a branch");
     assert!(!branch.split("return").next().expect("its end").contains("dFd"));
 }
