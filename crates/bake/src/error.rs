@@ -36,6 +36,16 @@ pub enum BakeError {
         /// What it may be.
         range: &'static str,
     },
+    /// The profile cannot hold what was asked for.
+    #[error("the profile {profile} cannot hold {what}")]
+    Profile {
+        /// Its name.
+        profile: &'static str,
+        /// What it cannot hold.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// The file that was just written does not read back as it was meant.
     #[error("the written file shows something else than what was baked: {what}")]
     ReadBack {
@@ -100,6 +110,7 @@ impl BakeError {
                 "choose another --signal; what --replace took out of a file cannot be verified against it"
                     .into(),
             ),
+            Self::Profile { remedy, .. } => Some((*remedy).to_owned()),
             Self::Light(_) => {
                 Some("mend the light that is named, in the file or in the configuration".into())
             }

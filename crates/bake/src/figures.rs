@@ -9,10 +9,11 @@ use lightkiln_report::{
     AtlasFigures, Bytes, Class, Classes, Contributor, Errors, FullLightmap, LightBytes, RayFigures, Report,
     SCHEMA_VERSION, SceneFigures, Settings, Stage,
 };
+use lightkiln_scene::Profile;
 
 use crate::options::Plan;
 use crate::output::Written;
-use crate::rounds::Shown;
+use crate::rounds::{Shown, light_stride};
 use crate::shade::Lit;
 use crate::stored::StoredLayer;
 use crate::verify::References;
@@ -58,6 +59,7 @@ pub fn report(all: Everything<'_>) -> Report {
         output: file_name(all.output),
         settings: Settings {
             signal: plan.signals.to_string(),
+            profile: plan.profile.name().to_owned(),
             max_error: plan.max_error,
             detail: plan.radius * 2.0,
             radius: plan.radius,
@@ -145,14 +147,14 @@ fn ray_figures(all: &Everything<'_>, verify_rays: u64) -> RayFigures {
 }
 
 fn atlas_figures(shown: &Shown) -> AtlasFigures {
-    let [width, height] = shown.packing.page_size;
+    let [width, height] = shown.stored.size;
     AtlasFigures {
         charts: shown.charts.len(),
         width,
         height,
-        pages: shown.packing.pages,
+        pages: shown.stored.layers.first().map_or(0, |layer| layer.pages.len() as u32),
         bits: shown.stored.layers.iter().map(StoredLayer::bits).max().unwrap_or_default(),
-        texels: shown.packing.page_texels(),
+        texels: shown.stored.texels(),
         shown_texels: shown.atlas.shown,
         seam_before: shown.stitch.seam_before.max,
         seam_after: shown.stitch.seam_after.max,
@@ -172,10 +174,9 @@ fn bytes(all: &Everything<'_>) -> Bytes {
     let parts = &file.parts;
     let drawn: u64 = parts.iter().map(|p| (p.original_vertices + p.added_vertices) as u64).sum();
     let added_vertices = parts.iter().map(|p| p.added_vertices as u64).sum();
-    let layers = shown.stored.layers.len() as u64;
     let texel_bytes = shown.stored.texel_bytes();
-    let stride = LIGHT_STRIDE * layers;
-    let atlas = shown.packing.page_texels() * texel_bytes;
+    let stride = light_stride(all.plan.profile, shown.stored.layers.len());
+    let atlas = shown.stored.texels() * texel_bytes;
     let light = LightBytes {
         attribute: drawn * stride,
         added_vertices: parts.iter().map(|p| (p.added_vertices * p.original_stride) as u64).sum(),
@@ -186,20 +187,17 @@ fn bytes(all: &Everything<'_>) -> Bytes {
     Bytes {
         light,
         total: light.total(),
-        atlas_waste: (shown.packing.page_texels() - shown.atlas.shown) * texel_bytes,
+        atlas_waste: (shown.stored.texels() - shown.atlas.shown) * texel_bytes,
         fallback: file.fallback_bytes,
         added_vertices,
         vertices_only: parts.iter().map(|p| p.original_vertices as u64 * stride).sum(),
         full_lightmap: full_lightmap(all, texel_bytes),
         geometry: geometry_bytes(all),
         files: file.files.iter().map(|f| f.bytes).sum(),
-        largest: largest(surface, shown, written, texel_bytes),
+        largest: largest(surface, shown, written, stride, texel_bytes),
         instances_unshared: file.cloned_meshes + file.expanded_instances,
     }
 }
-
-/// Bytes of a layer's attribute at a vertex.
-const LIGHT_STRIDE: u64 = 4;
 
 /// Vertices and indices of the scene as read; data that instances share is counted once.
 fn geometry_bytes(all: &Everything<'_>) -> u64 {
@@ -236,7 +234,7 @@ fn full_lightmap(all: &Everything<'_>, texel_bytes: u64) -> FullLightmap {
     let atlas = texels * texel_bytes;
     FullLightmap {
         bytes: LightBytes {
-            attribute: (vertices as f64 * vertex_ratio) as u64 * LIGHT_STRIDE,
+            attribute: (vertices as f64 * vertex_ratio) as u64 * light_stride(Profile::Lightmap, 1),
             added_vertices: (stride_bytes as f64 * (vertex_ratio - 1.0)) as u64,
             atlas,
             mips: LightBytes::mips_of(atlas),
@@ -253,13 +251,18 @@ fn full_lightmap(all: &Everything<'_>, texel_bytes: u64) -> FullLightmap {
 const LARGEST: usize = 10;
 
 /// The nodes whose light takes most bytes, and the part of the atlas that shows nothing.
-fn largest(surface: &Surface<'_>, shown: &Shown, written: &Written, texel_bytes: u64) -> Vec<Contributor> {
+fn largest(
+    surface: &Surface<'_>,
+    shown: &Shown,
+    written: &Written,
+    stride: u64,
+    texel_bytes: u64,
+) -> Vec<Contributor> {
     let mut texels = vec![0_u64; surface.scene.parts.len()];
     for chart in &shown.charts {
         let (part, _) = surface.part_of(chart.triangles[0]);
         texels[part] += u64::from(chart.size[0]) * u64::from(chart.size[1]);
     }
-    let stride = LIGHT_STRIDE * shown.stored.layers.len() as u64;
     let mut all: Vec<Contributor> = Vec::new();
     for ((number, part), file) in surface.scene.parts.iter().enumerate().zip(&written.file.parts) {
         let texel_bytes = texels[number] * texel_bytes * 4 / 3;

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use lightkiln_encode::{AtlasView, LightCode, Table};
+use lightkiln_encode::coordinates::STRIP_ROWS;
+use lightkiln_encode::{AtlasView, Coordinates, LightCode, Strip, Table};
 use lightkiln_light::{Curve, Domain, Layer, Scale};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
-use lightkiln_scene::{LayerRead, Scene};
+use lightkiln_scene::{LayerRead, Profile, Scene};
 use lightkiln_texel::{PngDepth, read_png};
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +14,7 @@ use crate::layers::{BakedLayer, Layers};
 use crate::lighting::{LightOptions, seen_from};
 use crate::options::Plan;
 use crate::signals::Signals;
-use crate::stored::{Stored, StoredLayer};
+use crate::stored::{Encoding, Stored, StoredLayer};
 use crate::{BakeError, Surface};
 
 /// What the extension says beside the images: how the light was baked, so that it can be judged.
@@ -24,11 +25,18 @@ pub struct Extension {
     pub version: u64,
     /// Program and version.
     pub generator: String,
+    /// How the light stands in the file: the name of a [`Profile`].
+    #[serde(default = "eta")]
+    pub profile: String,
+    /// The rows of the page that hold all values, in the profile `stock`.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub strip: Option<StripInfo>,
     /// Width and height of a page in texels, absent without texture triangles.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub page_size: Option<[u32; 2]>,
-    /// Steps of an atlas position per texel.
-    pub subtexels: u32,
+    /// Steps of an atlas position per texel, where codes hold positions.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub subtexels: Option<u32>,
     /// The bound.
     pub max_error: f32,
     /// Smallest feature kept, in units of the file.
@@ -43,7 +51,37 @@ pub struct Extension {
     pub layers: Vec<LayerInfo>,
 }
 
+/// Files of before there was a choice.
+fn eta() -> String {
+    Profile::Eta.name().to_owned()
+}
+
+/// Where a page holds all values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StripInfo {
+    /// Its first row.
+    pub row: u32,
+    /// How many rows it has, all alike.
+    pub rows: u32,
+    /// The texels from 0 to 1.
+    pub texels: u32,
+}
+
+impl StripInfo {
+    /// What the extension says about a strip.
+    pub fn new(strip: Strip) -> Self {
+        Self { row: strip.row, rows: STRIP_ROWS, texels: strip.texels }
+    }
+}
+
 impl Extension {
+    /// What corners say, in plain profiles.
+    pub fn coordinates(&self) -> Option<Coordinates> {
+        let plain = self.profile.parse::<Profile>().is_ok_and(Profile::is_plain);
+        let strip = self.strip.filter(|s| s.texels >= 2).map(|s| Strip { row: s.row, texels: s.texels });
+        plain.then_some(Coordinates { size: self.page_size.unwrap_or([1, 1]), strip })
+    }
+
     fn read(json: &serde_json::Value, file: &str) -> Result<Self, BakeError> {
         Self::deserialize(json)
             .map_err(|e| BakeError::ReadBack { what: format!("the extension of {file}: {e}") })
@@ -110,11 +148,21 @@ pub struct LayerInfo {
     pub clamp: Option<[f32; 2]>,
     /// Unit of the range.
     pub unit: String,
+    /// How texels are stored: unit values if none, or `srgb`, as shares of the intensity.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub encoding: Option<String>,
+    /// The light of a texel of 1, in the unit of the range.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub intensity: Option<f32>,
 }
 
 impl LayerInfo {
     /// What the extension says about a layer of a bake.
-    pub fn new(layer: &BakedLayer) -> Self {
+    pub fn new(layer: &BakedLayer, encoding: Encoding) -> Self {
+        let (encoding, intensity) = match encoding {
+            Encoding::Unit => (None, None),
+            Encoding::Srgb { intensity, .. } => (Some("srgb".to_owned()), Some(intensity)),
+        };
         let (curve, white) = match layer.scale.curve {
             Curve::Linear => ("linear", None),
             Curve::Log { white } => ("log", Some(white)),
@@ -127,6 +175,19 @@ impl LayerInfo {
             white,
             clamp: layer.clamp,
             unit: if white.is_some() { "lux" } else { "none" }.to_owned(),
+            encoding,
+            intensity,
+        }
+    }
+
+    /// What the numbers of the layer's pages stand for; none where the file says what makes no sense.
+    pub fn encoding(&self, scale: Scale) -> Option<Encoding> {
+        match (self.encoding.as_deref(), self.intensity) {
+            (None, None) => Some(Encoding::Unit),
+            (Some("srgb"), Some(intensity)) if intensity > 0.0 && intensity.is_finite() => {
+                Some(Encoding::Srgb { intensity, scale })
+            }
+            _ => None,
         }
     }
 
@@ -159,8 +220,10 @@ pub struct FileLight {
     pub layers: Layers,
     /// Its images.
     pub stored: Stored,
-    /// Per layer, per triangle of the light mesh.
-    codes: Vec<Vec<[LightCode; 3]>>,
+    /// How it stands in the file.
+    pub profile: Profile,
+    /// Per layer, per triangle of the light mesh: the values of the attribute, codes or coordinates.
+    corners: Vec<Vec<[[u16; 2]; 3]>>,
 }
 
 impl FileLight {
@@ -178,20 +241,24 @@ impl FileLight {
         let faulty = |what: String| BakeError::ReadBack { what };
         let extension = Extension::read(&lightmap.extension, file)?;
         let size = extension.page_size.unwrap_or_default();
-        let (mut layers, mut codes, mut images) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut layers, mut corners, mut images) = (Vec::new(), Vec::new(), Vec::new());
         let mut first = 0;
         for (number, (info, read)) in extension.layers.iter().zip(&lightmap.layers).enumerate() {
             let layer =
                 info.layer(first).ok_or_else(|| faulty(format!("layer {number} of {file} has no scale")))?;
-            codes.push(layer_codes(surface, read).map_err(faulty)?);
-            images.push(layer_images(&layer, read, size)?);
+            corners.push(layer_corners(surface, read).map_err(faulty)?);
+            let encoding = info
+                .encoding(layer.scale)
+                .ok_or_else(|| faulty(format!("layer {number} of {file} has no encoding")))?;
+            images.push(layer_images(&layer, encoding, read, size)?);
             first += info.channels;
             layers.push(layer);
         }
         if layers.is_empty() {
             return Err(faulty(format!("{file} has no layers")));
         }
-        Ok(Self { extension, layers: Layers::of(layers), stored: Stored { size, layers: images }, codes })
+        let stored = Stored { size, layers: images, coordinates: extension.coordinates() };
+        Ok(Self { extension, layers: Layers::of(layers), stored, profile: lightmap.profile, corners })
     }
 
     /// How the light of a scene was made, without its light; `file` is the name for messages.
@@ -221,7 +288,11 @@ impl FileLight {
     /// The codes of a triangle's corners in the first layer; in which of them are colors and which places all layers
     /// are alike.
     pub fn codes(&self, triangle: TriangleId) -> [LightCode; 3] {
-        self.codes[0][triangle.index()]
+        let corners = self.corners[0][triangle.index()];
+        match &self.stored.coordinates {
+            Some(coordinates) => corners.map(|corner| coordinates.code(corner)),
+            None => corners.map(LightCode),
+        }
     }
 
     /// Whether a triangle reads all of its light from the atlas.
@@ -231,13 +302,18 @@ impl FileLight {
 
     /// What a GPU shows at a point, in unit values of all layers.
     pub fn show(&self, views: &[AtlasView<'_>], point: SurfacePoint, out: &mut [f32]) {
-        let codes = |layer: usize| self.codes[layer][point.triangle.index()];
-        self.stored.show(views, codes, point.barycentric, out);
+        let corners = |layer: usize| self.corners[layer][point.triangle.index()];
+        match &self.stored.coordinates {
+            Some(coordinates) => {
+                self.stored.show_at(views, coordinates, corners(0), point.barycentric, out);
+            }
+            None => self.stored.show(views, |l| corners(l).map(LightCode), point.barycentric, out),
+        }
     }
 }
 
-/// The codes of a layer, triangle by triangle of the light mesh.
-fn layer_codes(surface: &Surface<'_>, read: &LayerRead) -> Result<Vec<[LightCode; 3]>, String> {
+/// The codes or coordinates of a layer, triangle by triangle of the light mesh.
+fn layer_corners(surface: &Surface<'_>, read: &LayerRead) -> Result<Vec<[[u16; 2]; 3]>, String> {
     let mut codes = Vec::with_capacity(surface.mesh.triangle_count());
     for (number, (part, light)) in surface.scene.parts.iter().zip(&read.parts).enumerate() {
         if !surface.is_lit(number) {
@@ -251,17 +327,23 @@ fn layer_codes(surface: &Surface<'_>, read: &LayerRead) -> Result<Vec<[LightCode
                 part.triangles.len()
             ));
         }
-        codes.extend(light.iter().map(|corners| corners.map(LightCode)));
+        codes.extend_from_slice(light);
     }
     Ok(codes)
 }
 
 /// The images of a layer.
-fn layer_images(baked: &BakedLayer, read: &LayerRead, size: [u32; 2]) -> Result<StoredLayer, BakeError> {
+fn layer_images(
+    baked: &BakedLayer,
+    encoding: Encoding,
+    read: &LayerRead,
+    size: [u32; 2],
+) -> Result<StoredLayer, BakeError> {
     let mut layer = StoredLayer {
         channels: baked.layer.channels,
         depth: PngDepth::Eight,
         pages: Vec::new(),
+        encoding,
         table: None,
         clamp: baked.unit_clamp(),
     };
@@ -278,7 +360,7 @@ fn layer_images(baked: &BakedLayer, read: &LayerRead, size: [u32; 2]) -> Result<
         if image.bits == 16 {
             layer.depth = PngDepth::Sixteen;
         }
-        layer.pages.push(image.values);
+        layer.pages.push(image.values.into_iter().map(|number| encoding.from_image(number)).collect());
     }
     if let Some(table) = &read.table {
         let image = read_png(&table.png)?;

@@ -5,11 +5,11 @@ use std::path::Path;
 
 use lightkiln_report::table::count;
 use lightkiln_report::{Contributor, LightBytes, bytes_text};
-use lightkiln_scene::{ReadOptions, Scene};
+use lightkiln_scene::{Profile, ReadOptions, Scene};
 use serde::Serialize;
 
 use crate::file_light::Extension;
-use crate::rounds::LIGHT_STRIDE;
+use crate::rounds::light_stride;
 use crate::stored::StoredLayer;
 use crate::{BakeError, FileLight, Surface, file_name};
 
@@ -69,12 +69,9 @@ pub fn inspect(path: &Path) -> Result<Inspection, BakeError> {
     let pixels = images.iter().filter_map(|i| i.pixels).map(|[w, h]| u64::from(w) * u64::from(h));
     let textures = pixels.map(|n| n * 4 + LightBytes::mips_of(n * 4)).sum();
     let light_bytes = light.as_ref().map(|light| {
-        let [width, height] = light.extension.page_size.unwrap_or_default();
-        let texels = light.pages() as u64 * u64::from(width) * u64::from(height);
-        let atlas = texels * light.stored.texel_bytes();
-        let layers = light.stored.layers.len() as u64;
+        let atlas = light.stored.texels() * light.stored.texel_bytes();
         LightBytes {
-            attribute: vertices * u64::from(LIGHT_STRIDE) * layers,
+            attribute: vertices * light_stride(light.profile, light.stored.layers.len()),
             added_vertices: 0,
             atlas,
             mips: LightBytes::mips_of(atlas),
@@ -171,13 +168,14 @@ impl Inspection {
                 line(
                     "light",
                     format!(
-                        "{}, bound {:.1} %, detail {:.5}, by {}",
+                        "{}, profile {}, bound {:.1} %, detail {:.5}, by {}",
                         baked
                             .layers
                             .iter()
                             .map(|layer| layer.signal.as_str())
                             .collect::<Vec<_>>()
                             .join(" + "),
+                        baked.profile,
                         baked.max_error * 100.0,
                         baked.detail,
                         baked.generator
@@ -195,10 +193,12 @@ impl Inspection {
                         ),
                     );
                 }
-                line("", format!("COLOR_0 fallback {}", bytes_text(self.fallback)));
+                if self.fallback > 0 {
+                    line("", format!("COLOR_0 fallback {}", bytes_text(self.fallback)));
+                }
             }
             _ => {
-                let bytes = bytes_text(self.vertices * u64::from(LIGHT_STRIDE));
+                let bytes = bytes_text(self.vertices * light_stride(Profile::Eta, 1));
                 line("light", format!("no light of ours; a value at every vertex would take {bytes}"));
             }
         }

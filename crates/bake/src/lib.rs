@@ -14,6 +14,7 @@
 //! | [`rounds`] | chart, texel, encode, check, until the bound holds |
 //! | [`borders`] | where charts meet color triangles |
 //! | [`stored`] | the images of the file, and what a viewer shows of them |
+//! | `profiles` | what each profile can hold |
 //! | [`output`] | codes and texels to the file |
 //! | [`file_light`] | and back, as a viewer reads them |
 //! | [`verify`] | errors at fresh points |
@@ -33,6 +34,7 @@ pub mod layers;
 pub mod lighting;
 pub mod options;
 pub mod output;
+mod profiles;
 pub mod rounds;
 pub mod scenery;
 pub mod shade;
@@ -78,6 +80,7 @@ pub fn bake(
     progress: &dyn Progress,
 ) -> Result<Baked, BakeError> {
     let mut clock = Clock::new(progress);
+    let options = &BakeOptions { light: options.light_of_profile()?, ..options.clone() };
     clock.stage("read");
     let scenery = Scenery::read(input, options.scene, &options.signals, &options.light)?;
     clock.stage("weld");
@@ -90,6 +93,7 @@ pub fn bake(
     surface.turn_hidden_sheets(&tracer, plan.ao_distance);
     let signal = plan.signals.on(&plan.stage(&surface, &tracer, &scenery.lighting))?;
     let signal = signal.as_ref();
+    options.check_profile(signal.layers())?;
     let mut lit = shade::light_fit_classify(&surface, signal, samples, &plan, &mut clock)?;
     let seen = verify::seen_points(&surface, signal, &lit, &plan, &mut clock);
     lit.tighten(&surface, &seen, &plan);

@@ -70,6 +70,22 @@ pub struct LightOptions {
     /// The variant of the materials.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub variant: Option<String>,
+    /// Occlusion textures that the file has already, where materials show ours; none where they do not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub authored_occlusion: Option<AuthoredOcclusion>,
+}
+
+/// What becomes of the occlusion textures of a file when materials are to show ours: they have room for one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AuthoredOcclusion {
+    /// What is baked is ours times theirs, at their strength.
+    #[default]
+    Multiply,
+    /// Materials that have one keep it and show none of ours.
+    Keep,
+    /// Ours takes its place.
+    Replace,
 }
 
 fn is_false(flag: &bool) -> bool {
@@ -280,6 +296,11 @@ impl LightOptions {
             casts: Vec::new(),
             occluders: occluders.iter().collect(),
         };
+        if self.authored_occlusion == Some(AuthoredOcclusion::Keep) {
+            for (part, receives) in cast.receives.iter_mut().enumerate() {
+                *receives &= scene.has_occlusion_textures(part).contains(&false);
+            }
+        }
         if self.leave_out_moving {
             let moves = scene.moving_parts();
             cast.casts = moves.iter().map(|moves| !moves).collect();

@@ -2,7 +2,7 @@
 
 use lightkiln_light::{Lighting, Tracer};
 use lightkiln_mesh::Mesh;
-use lightkiln_scene::Fallback;
+use lightkiln_scene::{Fallback, Profile};
 
 use crate::BakeError;
 use crate::lighting::LightOptions;
@@ -111,6 +111,8 @@ pub struct BakeOptions {
     pub signals: Signals,
     /// Which light there is and what it meets.
     pub light: LightOptions,
+    /// How the light stands in the file.
+    pub profile: Profile,
     /// Colors of vertices as entries of a table instead of packed into the codes.
     pub table: bool,
     /// What keeps values within their range.
@@ -150,6 +152,7 @@ impl Default for BakeOptions {
         Self {
             signals: Signals::default(),
             light: LightOptions::default(),
+            profile: Profile::default(),
             table: false,
             bounds: BakeBounds::Clamp,
             replace: false,
@@ -175,6 +178,8 @@ pub struct Plan {
     pub signals: Signals,
     /// Which light there is and what it meets.
     pub light: LightOptions,
+    /// How the light stands in the file.
+    pub profile: Profile,
     /// Colors of vertices as entries of a table.
     pub table: bool,
     /// What keeps values within their range.
@@ -256,6 +261,7 @@ impl Plan {
         Ok(Self {
             signals: options.signals.clone(),
             light: options.light.clone(),
+            profile: options.profile,
             table: options.table,
             bounds: options.bounds,
             max_error: options.max_error,

@@ -3,21 +3,22 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use lightkiln_encode::{AtlasView, Codes, Table};
+use lightkiln_encode::{AtlasView, Codes, LightCode, Table};
 use lightkiln_light::Domain;
 use lightkiln_mesh::{SurfacePoint, TriangleId};
-use lightkiln_scene::{BakedLight, ExtensionInfo, LayerFiles, PartLight};
+use lightkiln_scene::{BakedLight, ExtensionInfo, LayerFiles, MaterialTexture, PartLight, Profile};
 use lightkiln_texel::image::intensity;
 use lightkiln_texel::image_exr::LARGEST_HALF;
 use lightkiln_texel::{ExrDepth, ExrLayer, Ktx2Format, PngDepth, write_exr_layers, write_ktx2, write_png};
 use rayon::prelude::*;
 
 use crate::clock::Clock;
-use crate::file_light::{Extension, LayerInfo, Recipe};
+use crate::file_light::{Extension, LayerInfo, Recipe, StripInfo};
 use crate::layers::{BakedLayer, Layers};
+use crate::lighting::AuthoredOcclusion;
 use crate::options::{BakeOptions, Plan};
 use crate::rounds::Shown;
-use crate::stored::StoredLayer;
+use crate::stored::{Encoding, StoredLayer};
 use crate::{BakeError, Surface};
 
 /// What was written.
@@ -47,14 +48,18 @@ pub fn write(
 ) -> Result<Written, BakeError> {
     clock.stage("write");
     let views = shown.stored.views()?;
-    let parts =
-        (0..surface.scene.parts.len()).map(|part| part_light(surface, layers, shown, &views, part)).collect();
-    let has_atlas = !shown.charts.is_empty();
+    let parts = (0..surface.scene.parts.len())
+        .map(|p| part_light(surface, layers, shown, &views, plan.profile, p))
+        .collect();
+    let stored = &shown.stored;
+    let has_charts = !shown.charts.is_empty();
     let extension = Extension {
         version: lightkiln_scene::VERSION,
         generator: concat!("lightkiln ", env!("CARGO_PKG_VERSION")).to_owned(),
-        page_size: has_atlas.then_some(shown.packing.page_size),
-        subtexels: lightkiln_chart::SUBTEXELS,
+        profile: plan.profile.name().to_owned(),
+        strip: stored.coordinates.and_then(|c| c.strip).map(StripInfo::new),
+        page_size: (stored.texels() > 0).then_some(stored.size),
+        subtexels: stored.coordinates.is_none().then_some(lightkiln_chart::SUBTEXELS),
         max_error: plan.max_error,
         detail: plan.radius * 2.0,
         texel_size: plan.radius,
@@ -63,11 +68,16 @@ pub fn write(
         layers: Vec::new(),
     };
     let files = |(layer, stored): (&BakedLayer, &StoredLayer)| -> Result<LayerFiles, BakeError> {
-        let info = serde_json::to_value(LayerInfo::new(layer)).expect("plain numbers and strings");
+        let info = LayerInfo::new(layer, stored.encoding);
+        let info = serde_json::to_value(info).expect("plain numbers and strings");
         Ok(LayerFiles {
-            pages: if has_atlas { pages(stored, shown.stored.size)? } else { Vec::new() },
+            pages: pages(stored, shown.stored.size)?,
             table: stored.table.as_ref().map(table).transpose()?,
             info: info.as_object().cloned().unwrap_or_default(),
+            texture: plan.profile.is_plain().then_some(match stored.encoding {
+                Encoding::Unit => MaterialTexture::Occlusion,
+                Encoding::Srgb { intensity, .. } => MaterialTexture::Lightmap { intensity },
+            }),
         })
     };
     let light = BakedLight {
@@ -76,15 +86,17 @@ pub fn write(
         extension: ExtensionInfo {
             root: serde_json::to_value(&extension).expect("plain numbers and strings"),
         },
-        fallback: options.fallback,
+        profile: plan.profile,
+        keep_occlusion: plan.light.authored_occlusion == Some(AuthoredOcclusion::Keep),
+        fallback: plan.profile.fallback(options.fallback),
         remove: if options.replace { plan.signals.replaced() } else { Vec::new() },
     };
     let file = lightkiln_scene::write(surface.scene, &light, output)?;
     let mut outputs: Vec<PathBuf> = file.files.iter().map(|f| f.path.clone()).collect();
-    if options.exr && has_atlas {
+    if options.exr && has_charts {
         outputs.extend(write_exrs(layers, shown, output)?);
     }
-    if options.ktx2 && has_atlas {
+    if options.ktx2 && has_charts {
         outputs.extend(write_ktx2s(layers, shown, output)?);
     }
     Ok(Written { scene: output.to_owned(), outputs, scene_number: options.scene, file })
@@ -96,6 +108,7 @@ fn part_light(
     layers: &Layers,
     shown: &Shown,
     views: &[AtlasView<'_>],
+    profile: Profile,
     part: usize,
 ) -> PartLight {
     if !surface.is_lit(part) {
@@ -103,9 +116,16 @@ fn part_light(
     }
     let mesh = &surface.mesh;
     let triangles: Vec<TriangleId> = surface.triangles_of_part(part).collect();
+    let coordinates = shown.stored.coordinates;
+    let corner = |code: LightCode| coordinates.map_or(code.0, |c| c.of(code));
     let codes = |codes: &Codes| -> Vec<[[u16; 2]; 3]> {
-        triangles.par_iter().map(|&t| codes.of_triangle(mesh, t).map(|code| code.0)).collect()
+        triangles.par_iter().map(|&t| codes.of_triangle(mesh, t).map(corner)).collect()
     };
+    let attributes = profile.attributes(shown.codes.len());
+    let corner_codes = shown.codes[..attributes].iter().map(codes).collect();
+    if profile.is_plain() {
+        return PartLight { corner_codes, corner_fallback: Vec::new() };
+    }
     let plain = |light: &mut Vec<f32>, &t: &TriangleId| {
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|corner| {
             let at = SurfacePoint { triangle: t, barycentric: [corner[1], corner[2]] };
@@ -119,18 +139,18 @@ fn part_light(
     };
     PartLight {
         corner_fallback: triangles.par_iter().map_init(|| vec![0.0; layers.channels()], plain).collect(),
-        corner_codes: shown.codes.iter().map(codes).collect(),
+        corner_codes,
     }
 }
 
 /// The pages of a layer's atlas as PNG files.
 fn pages(stored: &StoredLayer, size: [u32; 2]) -> Result<Vec<Vec<u8>>, BakeError> {
-    let encode = |page: &Vec<f32>| {
+    let encode = |page: usize| {
         let mut bytes = Vec::new();
-        write_png(&mut bytes, size, stored.stored_channels(), stored.depth, page)?;
+        write_png(&mut bytes, size, stored.stored_channels(), stored.depth, &stored.image(page))?;
         Ok(bytes)
     };
-    stored.pages.iter().map(encode).collect()
+    (0..stored.pages.len()).map(encode).collect()
 }
 
 /// A table of colors as a PNG file.

@@ -19,6 +19,7 @@ use lightkiln_encode::{
 };
 use lightkiln_light::{Estimates, Signal};
 use lightkiln_mesh::{Mesh, SurfacePoint, TriangleId};
+use lightkiln_scene::Profile;
 use lightkiln_texel::{Atlas, ChartTexels, StitchOptions, StitchReport, compose, lift, stitch};
 
 use crate::borders::border_holds;
@@ -105,16 +106,23 @@ pub fn chart_texel_encode(
     clock.stage("close");
     let prices = prices(surface, &lit.layers, plan);
     let mut is_texture = lit.needs_texture.clone();
+    if plan.profile == Profile::Lightmap {
+        is_texture.fill(true);
+    }
     close(&surface.adjacency, &mut is_texture, CLOSING_STEPS);
-    let mut detached = vec![false; surface.mesh.vertex_count()];
+    // Without our shader no triangle can blend, so that every border splits its vertices.
+    let blends = !plan.profile.is_plain();
+    let mut detached = vec![!blends; surface.mesh.vertex_count()];
     let mut kept = Kept::new();
     let (mut promoted, mut promoted_for_bytes) = (0, 0);
     for round in 1.. {
         clock.stage("close");
         fill_notches(&surface.adjacency, &mut is_texture);
-        for triangle in promotions(&surface.mesh, &surface.adjacency, &is_texture, &prices) {
-            is_texture[triangle.index()] = true;
-            promoted_for_bytes += 1;
+        if blends {
+            for triangle in promotions(&surface.mesh, &surface.adjacency, &is_texture, &prices) {
+                is_texture[triangle.index()] = true;
+                promoted_for_bytes += 1;
+            }
         }
         let mut shown = show(surface, signal, lit, &is_texture, &detached, plan, &mut kept, clock)?;
         clock.stage("check");
@@ -127,8 +135,8 @@ pub fn chart_texel_encode(
         for triangle in wrong {
             // Where the atlas is too coarse for a border that vertices follow well, vertices show it alone. What
             // is wrong without any texture is no matter of borders.
-            let blends = shown.codes_of(&surface.mesh, triangle).iter().any(|code| !code.is_color());
-            if blends && round < PATIENT_ROUNDS {
+            let is_mixed = shown.codes_of(&surface.mesh, triangle).iter().any(|code| !code.is_color());
+            if is_mixed && round < PATIENT_ROUNDS {
                 surface.mesh.triangles[triangle.index()].iter().for_each(|v| detached[v.index()] = true);
             } else {
                 is_texture[triangle.index()] = true;
@@ -147,17 +155,19 @@ fn prices(surface: &Surface<'_>, layers: &Layers, plan: &Plan) -> PromotionPrice
         .sum();
     PromotionPrices {
         vertex_bytes: bytes as f64 / vertices.max(1) as f64
-            + f64::from(LIGHT_STRIDE) * layers.layers.len() as f64,
+            + light_stride(plan.profile, layers.layers.len()) as f64,
         texel_size: plan.radius,
-        texel_bytes: expected_texel_bytes(layers, plan.max_error) as f64,
+        texel_bytes: expected_texel_bytes(layers, plan.max_error, plan.profile) as f64,
         mips: 4.0 / 3.0,
         fill: EXPECTED_FILL,
         gutter: GUTTER_TEXELS,
     }
 }
 
-/// Bytes of the attribute of one layer at a vertex.
-pub const LIGHT_STRIDE: u32 = 4;
+/// Bytes of the attributes with light at a vertex.
+pub fn light_stride(profile: Profile, layers: usize) -> u64 {
+    (profile.attributes(layers) * profile.stride()) as u64
+}
 
 /// Share of the atlas that charts and their gutters fill; docs/PACKING.md has the measurements.
 const EXPECTED_FILL: f64 = 0.8;
@@ -201,7 +211,7 @@ fn show(
     clock.stage("pack");
     let packing = pack(&charts, &PackOptions { gutter: GUTTER_TEXELS, ..PackOptions::default() })?;
     let atlas = compose(&charts, &texels, &values, channels, &packing)?;
-    let mut stored = Stored::new(&atlas, &lit.layers, plan.max_error);
+    let mut stored = Stored::new(&atlas, &lit.layers, plan.max_error, plan.profile);
 
     clock.stage("encode");
     let (mut codes, mut encoded) = (Vec::new(), EncodeReport::default());

@@ -13,7 +13,7 @@ use lightkiln_light::{
 use lightkiln_mesh::SurfacePoint;
 use lightkiln_scene::{Slot, Textures};
 
-use crate::lighting::{DEFAULT_BOUNCES, LightOptions};
+use crate::lighting::{AuthoredOcclusion, DEFAULT_BOUNCES, LightOptions};
 use crate::{BakeError, Surface};
 
 /// What is baked.
@@ -169,6 +169,9 @@ impl FromStr for SignalChoice {
     }
 }
 
+/// The layer that shows the occlusion textures themselves.
+const OCCLUSION_NAME: &str = "occlusion";
+
 /// What signals are made of.
 pub struct Stage<'a> {
     /// The surface that gets light.
@@ -215,12 +218,25 @@ impl Signals {
             };
             rest = &rest[taken..];
         }
-        Ok(if parts.len() == 1 { parts.remove(0) } else { Box::new(Combined::new(parts)) })
+        let signal = if parts.len() == 1 { parts.remove(0) } else { Box::new(Combined::new(parts)) };
+        if stage.options.authored_occlusion == Some(AuthoredOcclusion::Multiply) {
+            return stage.times_authored(signal);
+        }
+        Ok(signal)
     }
 
     /// Whether any of them is traced by rays. What is not has no noise.
     pub fn is_traced(&self) -> bool {
         self.0.iter().any(SignalChoice::is_traced)
+    }
+
+    /// Whether any of them has a layer of one channel, which materials can show as occlusion.
+    pub fn has_scalar(&self) -> bool {
+        let is_scalar = |choice: &SignalChoice| {
+            use SignalChoice::{AmbientOcclusion, Occlusion, Shadow, Shadows};
+            matches!(choice, AmbientOcclusion | Shadows | Occlusion | Shadow { .. })
+        };
+        self.0.iter().any(is_scalar)
     }
 
     /// Whether any of them needs the colors of surfaces.
@@ -263,6 +279,24 @@ impl Signals {
 }
 
 impl<'a> Stage<'a> {
+    /// A signal whose scalar layer is multiplied with the occlusion textures of the materials.
+    fn times_authored(&self, signal: Box<dyn Signal + 'a>) -> Result<Box<dyn Signal + 'a>, BakeError> {
+        let mut first = 0;
+        let mut scalar = None;
+        for layer in signal.layers() {
+            if layer.channels == 1 && layer.name != OCCLUSION_NAME {
+                scalar = Some(first);
+            }
+            first += layer.channels;
+        }
+        match (scalar, self.surface.scene.textures(Slot::Occlusion)?) {
+            (Some(channel), Some(textures)) => {
+                Ok(Box::new(TimesAuthored { signal, channel, surface: self.surface, textures }))
+            }
+            _ => Ok(signal),
+        }
+    }
+
     fn paths(&self, choices: &[SignalChoice]) -> Result<Box<dyn Signal + 'a>, BakeError> {
         let outputs: Vec<Output> = choices.iter().filter_map(SignalChoice::output).collect();
         let bounces = self.options.bounces.unwrap_or(DEFAULT_BOUNCES);
@@ -318,7 +352,7 @@ impl SignalChoice {
             Self::Direct | Self::Indirect | Self::Irradiance | Self::Harmonics(_) => {
                 stage.paths(std::slice::from_ref(self))
             }
-            Self::Occlusion => shown(scene.textures(Slot::Occlusion)?, "occlusion", "occlusion texture"),
+            Self::Occlusion => shown(scene.textures(Slot::Occlusion)?, OCCLUSION_NAME, "occlusion texture"),
             Self::FileLightmap => shown(scene.textures(Slot::Lightmap)?, "lightmap", "lightmap texture"),
             Self::BaseColor => shown(scene.textures(Slot::BaseColor)?, "baseColor", "base color texture"),
             Self::Image { file, set } => {
@@ -363,6 +397,34 @@ impl Signal for Shown<'_> {
         }
         out.fill(0.0);
         1.0
+    }
+}
+
+/// A signal one channel of which is multiplied with what the occlusion textures of the materials show.
+struct TimesAuthored<'a> {
+    signal: Box<dyn Signal + 'a>,
+    channel: usize,
+    surface: &'a Surface<'a>,
+    textures: Textures<'a>,
+}
+
+impl Signal for TimesAuthored<'_> {
+    fn layers(&self) -> &[Layer] {
+        self.signal.layers()
+    }
+
+    fn rays_per_batch(&self) -> u32 {
+        self.signal.rays_per_batch()
+    }
+
+    fn batch(&self, point: SurfacePoint, key: u64, batch: u32, out: &mut [f32]) -> f32 {
+        let backs = self.signal.batch(point, key, batch, out);
+        let (part, triangle) = self.surface.part_of(point.triangle);
+        let mut authored = [1.0];
+        if self.textures.sample(part, triangle, point.barycentric, &mut authored) {
+            out[self.channel] *= authored[0];
+        }
+        backs
     }
 }
 

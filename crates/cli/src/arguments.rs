@@ -6,10 +6,11 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use lightkiln_bake::lighting::{AuthoredOcclusion, LightOptions};
 use lightkiln_bake::options::BakeBounds;
 use lightkiln_bake::signals::{SIGNALS, Signals};
 use lightkiln_bake::{BakeOptions, Quality};
-use lightkiln_scene::Fallback;
+use lightkiln_scene::{Fallback, Profile};
 use serde::{Deserialize, Serialize};
 
 use crate::light::LightSettings;
@@ -114,6 +115,12 @@ pub struct BakeSettings {
     /// Seed of all random numbers [default: 0]
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
+    /// How the light stands in the file [default: eta]
+    #[arg(long, value_enum)]
+    pub profile: Option<ProfileName>,
+    /// Occlusion textures that the file has already, with --profile stock or lightmap [default: multiply]
+    #[arg(long, value_enum)]
+    pub authored_occlusion: Option<AuthoredName>,
     /// What viewers see that do not know the extension [default: color0]
     #[arg(long, value_enum)]
     pub fallback: Option<FallbackName>,
@@ -197,6 +204,53 @@ pub enum FallbackName {
     Color0,
     /// Nothing: only viewers that know the extension show light
     None,
+}
+
+/// Names of [`Profile`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ProfileName {
+    /// 4 bytes a vertex and a shader of ours: the fewest bytes
+    Eta,
+    /// One occlusion texture that every viewer shows: charts, and a strip of all values
+    Stock,
+    /// As eta, as 8 bytes of texture coordinates, for engines that drop other attributes
+    Texcoord,
+    /// One plain full lightmap
+    Lightmap,
+}
+
+impl From<ProfileName> for Profile {
+    fn from(name: ProfileName) -> Self {
+        match name {
+            ProfileName::Eta => Self::Eta,
+            ProfileName::Stock => Self::Stock,
+            ProfileName::Texcoord => Self::Texcoord,
+            ProfileName::Lightmap => Self::Lightmap,
+        }
+    }
+}
+
+/// Names of [`AuthoredOcclusion`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AuthoredName {
+    /// Ours times theirs
+    Multiply,
+    /// Materials that have one keep it and get no light
+    Keep,
+    /// Ours takes its place
+    Replace,
+}
+
+impl From<AuthoredName> for AuthoredOcclusion {
+    fn from(name: AuthoredName) -> Self {
+        match name {
+            AuthoredName::Multiply => Self::Multiply,
+            AuthoredName::Keep => Self::Keep,
+            AuthoredName::Replace => Self::Replace,
+        }
+    }
 }
 
 /// Names of [`BakeBounds`] on the command line.
@@ -286,6 +340,8 @@ impl BakeSettings {
             quality: self.quality.or(file.quality),
             ao_distance: self.ao_distance.or(file.ao_distance),
             seed: self.seed.or(file.seed),
+            profile: self.profile.or(file.profile),
+            authored_occlusion: self.authored_occlusion.or(file.authored_occlusion),
             fallback: self.fallback.or(file.fallback),
             scene: self.scene.or(file.scene),
             max_bytes: self.max_bytes.or(file.max_bytes),
@@ -304,7 +360,11 @@ impl BakeSettings {
         let defaults = BakeOptions::default();
         BakeOptions {
             signals: self.signal.clone().unwrap_or_default(),
-            light: self.light.options(),
+            light: LightOptions {
+                authored_occlusion: self.authored_occlusion.map(AuthoredOcclusion::from),
+                ..self.light.options()
+            },
+            profile: self.profile.map_or_else(Profile::default, Profile::from),
             table: self.table,
             bounds: self.bounds.map_or_else(BakeBounds::default, BakeBounds::from),
             replace: self.replace,

@@ -151,6 +151,8 @@ impl LightSettings {
             exclude: self.exclude.clone(),
             leave_out_moving: self.moving == Some(MovingName::LeaveOut),
             variant: self.variant.clone(),
+            // An option of its own, which is no matter of rays.
+            authored_occlusion: None,
         }
     }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use glam::Vec3;
 use lightkiln_bake::file_light::{Extension, LayerInfo};
+use lightkiln_bake::stored::Encoding;
 use lightkiln_bake::{BakeError, Clock, Silent};
 use lightkiln_encode::LightCode;
 use lightkiln_light::Scale;
@@ -185,6 +186,7 @@ fn gather(scene: &Scene, file: &str) -> Result<Gathered, Failure> {
     let Some(lightmap) = lightmap else { return Err(BakeError::NotBaked { file: file.to_owned() }.into()) };
     let extension: Extension = serde_json::from_value(lightmap.extension.clone())
         .map_err(|e| BakeError::ReadBack { what: format!("the extension of {file}: {e}") })?;
+    let coordinates = extension.coordinates();
     let fallback = scene.read_fallback().map_err(BakeError::from)?;
     let has_fallback = fallback.iter().any(|part| !part.is_empty());
     let mut model = Model {
@@ -230,7 +232,9 @@ fn gather(scene: &Scene, file: &str) -> Result<Gathered, Failure> {
             layer.codes.resize(layer.codes.len() + count, LightCode::color_of(&vec![white; layer.channels]));
             let own = &mut layer.codes[first as usize..];
             for (corners, codes) in part.triangles.iter().zip(&read.parts[number]) {
-                corners.iter().zip(codes).for_each(|(&v, &code)| own[v as usize] = LightCode(code));
+                corners.iter().zip(codes).for_each(|(&v, &value)| {
+                    own[v as usize] = coordinates.map_or(LightCode(value), |c| c.code(value));
+                });
             }
         }
         if has_fallback {
@@ -250,12 +254,18 @@ fn layer(read: &LayerRead) -> Result<LayerModel, Failure> {
     let [low, high] = info.range;
     let white = if info.curve == "log" { info.white.unwrap_or(1.0) } else { 0.0 };
     let scale = if white > 0.0 { Scale::log(white, low, high) } else { Scale::linear(low, high) };
+    let encoding = info
+        .encoding(scale)
+        .ok_or_else(|| BakeError::ReadBack { what: format!("the layer {} has no encoding", info.signal) })?;
     let pages: Vec<_> = read
         .pages
         .iter()
         .map(|page| read_png(&page.png))
         .collect::<Result<_, _>>()
         .map_err(BakeError::from)?;
+    // The page's shader knows unit values alone; light in sRGB has finer steps in the dark than 8 bits of these.
+    let bits = if encoding == Encoding::Unit { pages.first().map_or(8, |page| page.bits) } else { 16 };
+    let unit = |number: f32| encoding.unit(encoding.from_image(number));
     let table = read.table.as_ref().map(|table| read_png(&table.png)).transpose().map_err(BakeError::from)?;
     Ok(LayerModel {
         channels: info.channels,
@@ -263,8 +273,8 @@ fn layer(read: &LayerRead) -> Result<LayerModel, Failure> {
         white,
         scale: [scale.perceived(low), scale.perceived(high) - scale.perceived(low), white],
         clamp: info.clamp,
-        bits: pages.first().map_or(8, |page| page.bits),
-        pages: pages.into_iter().map(|page| page.values).collect(),
+        bits,
+        pages: pages.into_iter().map(|page| page.values.into_iter().map(unit).collect()).collect(),
         table: table.map(|table| table.values),
         signal: info.signal,
         curve: info.curve,

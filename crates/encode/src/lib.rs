@@ -13,11 +13,13 @@
 //! | [`promote`] | color triangles that cost fewer bytes as texture triangles |
 //! | [`encode`](mod@encode) | charts, packing and vertex values into [`Codes`] |
 //! | [`decode`](mod@decode) | codes, barycentric coordinates and atlas into light, as a GPU does |
+//! | [`coordinates`] | the same without a shader: texture coordinates, and a strip of all values |
 
 #[cfg(test)]
 mod cases;
 pub mod code;
 pub mod constants;
+pub mod coordinates;
 pub mod decode;
 pub mod encode;
 pub mod mixed;
@@ -29,6 +31,7 @@ pub mod table;
 mod testing;
 
 pub use code::LightCode;
+pub use coordinates::{Coordinates, Strip, decode_coordinates};
 pub use decode::{AtlasView, Form, ShaderScale, Texels, clamp, decode, decode_scalar, unscale};
 pub use encode::{Codes, EncodeReport, atlas_position, encode};
 pub use promote::{PromotionPrices, promotions};

@@ -61,6 +61,9 @@ pub struct Report {
 pub struct Settings {
     /// Name of the signal.
     pub signal: String,
+    /// How the light stands in the file: `eta`, `stock`, `texcoord` or `lightmap`.
+    #[serde(default = "eta")]
+    pub profile: String,
     /// Largest absolute error allowed, as a share of the signal's range.
     pub max_error: f32,
     /// Smallest feature kept, in units of the file.
@@ -73,6 +76,11 @@ pub struct Settings {
     pub ao_distance: Option<f32>,
     /// Seed of every random number.
     pub seed: u64,
+}
+
+/// Reports of before there was a choice.
+fn eta() -> String {
+    "eta".to_owned()
 }
 
 /// What the file holds.

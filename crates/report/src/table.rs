@@ -55,8 +55,9 @@ fn settings(out: &mut String, report: &Report) {
         out,
         "light",
         &format!(
-            "{}, {} quality, bound {:.1} %, detail {:.5} (size {:.3}), distance {distance}, seed {}",
+            "{}, profile {}, {} quality, bound {:.1} %, detail {:.5} (size {:.3}), distance {distance}, seed {}",
             settings.signal,
+            settings.profile,
             settings.quality,
             settings.max_error * 100.0,
             settings.detail,

@@ -3,7 +3,9 @@
 use serde_json::{Map, Value};
 
 use crate::error::{SceneError, value};
+use crate::materials::MaterialTexture;
 use crate::nodes::place_of;
+use crate::profile::Profile;
 use crate::scene::Scene;
 use crate::texture::Slot;
 
@@ -27,6 +29,8 @@ pub struct LayerFiles {
     /// The layer's object (docs/LIGHTKILN_lightmap.schema.json); [`write`] fills in `attribute`, `codes`, `pages` and
     /// `table`.
     pub info: Map<String, Value>,
+    /// What materials show the layer as, in plain profiles.
+    pub texture: Option<MaterialTexture>,
 }
 
 /// The root object of the extension; [`write`] fills in `version` and `layers`.
@@ -45,6 +49,10 @@ pub struct BakedLight {
     pub layers: Vec<LayerFiles>,
     /// The extension's root object.
     pub extension: ExtensionInfo,
+    /// How the light stands in the file.
+    pub profile: Profile,
+    /// Materials with an occlusion texture of their own keep it and show no occlusion of ours, in plain profiles.
+    pub keep_occlusion: bool,
     /// What other viewers show.
     pub fallback: Fallback,
     /// Textures of the asset that the light replaces; they leave all materials. Usually empty.
@@ -54,8 +62,8 @@ pub struct BakedLight {
 /// The light of a part, corner by corner.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PartLight {
-    /// Per layer, per triangle, per corner: the value of the layer's attribute. Without any layer the part has no light
-    /// and stays as it is.
+    /// Per attribute, per triangle, per corner: its value. There is one for each layer, and in plain profiles one for
+    /// all. Without any the part has no light and stays as it is.
     pub corner_codes: Vec<Vec<[[u16; 2]; 3]>>,
     /// Per triangle, per corner: linear RGB, 0..=1, shown by `COLOR_0` in viewers that do not know the extension.
     /// May be empty when nothing is written there.
@@ -82,15 +90,19 @@ pub(crate) fn check_light(scene: &Scene, light: &BakedLight) -> Result<(), Scene
     if light.parts.len() != scene.parts.len() {
         return Err(wrong("parts with light", light.parts.len(), scene.parts.len()));
     }
+    if light.profile.is_plain() && first.pages.len() != 1 {
+        return Err(wrong("pages of light that materials show", first.pages.len(), 1));
+    }
     let colors = light.fallback == Fallback::Color0;
+    let attributes = light.profile.attributes(light.layers.len());
     for (part, of_scene) in light.parts.iter().zip(&scene.parts) {
-        check_part(part, of_scene.triangles.len(), light.layers.len(), colors)
+        check_part(part, of_scene.triangles.len(), attributes, colors)
             .map_err(|e| e.at(|p| *p = place_of(&scene.document, of_scene.node)))?;
     }
     Ok(())
 }
 
-fn check_part(part: &PartLight, triangles: usize, layers: usize, colors: bool) -> Result<(), SceneError> {
+fn check_part(part: &PartLight, triangles: usize, attributes: usize, colors: bool) -> Result<(), SceneError> {
     if !part.is_lit() {
         return Ok(());
     }
@@ -98,7 +110,7 @@ fn check_part(part: &PartLight, triangles: usize, layers: usize, colors: bool) -
         let wrong = SceneError::Light { what, count, expected, place: Box::default() };
         if count == expected { Ok(()) } else { Err(wrong) }
     };
-    same("layers with codes", part.corner_codes.len(), layers)?;
+    same("attributes with codes", part.corner_codes.len(), attributes)?;
     for codes in &part.corner_codes {
         same("triangles with codes", codes.len(), triangles)?;
     }

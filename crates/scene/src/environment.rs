@@ -12,7 +12,7 @@ use image::codecs::openexr::OpenExrDecoder;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use crate::error::{Place, SceneError, Warning, Warnings};
-use crate::texture::linear;
+use crate::srgb::linear;
 
 /// More pixels than this are refused: 16384 x 8192, 1.5 GiB.
 const MAX_PIXELS: u64 = 1 << 27;

@@ -15,7 +15,8 @@ use rayon::prelude::*;
 
 use crate::document::{Document, extension, name};
 use crate::error::{Place, SceneError, Warnings};
-use crate::texture::{Mapping, linear};
+use crate::srgb::{self, linear};
+use crate::texture::Mapping;
 
 /// Texels a side beyond which colors are averaged down.
 const COLOR_TEXELS: usize = 1024;
@@ -223,8 +224,7 @@ fn averaged(size: [usize; 2], values: Vec<[u8; 3]>) -> Colors {
 
 /// The 8-bit sRGB value of a linear one.
 fn encoded(linear: f32) -> u8 {
-    let v = if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
-    (v.clamp(0.0, 1.0) * 255.0).round() as u8
+    (srgb::encoded(linear).clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
 #[cfg(test)]

@@ -17,11 +17,14 @@
 //! | `lights`, `environment` | punctual lights, environment maps |
 //! | `roles` | who casts and receives; parts chosen by name |
 //! | `texture` | textures as signals |
+//! | [`srgb`] | the curve of colors in images |
 //! | `footprint` | bytes of vertices, sizes of images |
 //! | `names` | names of parts, files and kinds of errors |
 //! | `lightmap`, `undo` | reading light back, undoing a former bake |
 //! | `baked` | light as the writer takes it |
+//! | `profile` | how light stands in a file |
 //! | `write`, `pools`, `split` | patching the document; vertices with two codes |
+//! | `materials` | light that materials show |
 //! | `replace` | what the light replaces |
 //! | `assemble`, `garbage`, `output` | the buffer, what is dropped from it, and files that appear whole |
 
@@ -42,16 +45,19 @@ mod lightmap;
 mod lights;
 mod lookup;
 mod material;
+mod materials;
 mod meshopt;
 mod names;
 mod nodes;
 mod output;
 mod pools;
 mod pose;
+mod profile;
 mod replace;
 mod roles;
 mod scene;
 mod split;
+pub mod srgb;
 mod surface;
 mod texture;
 mod undo;
@@ -68,7 +74,9 @@ pub use lightmap::{
 };
 pub use lights::{LightKind, PunctualLight};
 pub use material::{AlphaMode, Material};
+pub use materials::MaterialTexture;
 pub use names::ErrorKind;
+pub use profile::Profile;
 pub use roles::Roles;
 pub use scene::{Glass, Part, ReadOptions, Scene, TriangleFlags};
 pub use surface::{EmissiveTriangle, MAX_ALBEDO};

@@ -8,6 +8,8 @@ use crate::accessor::{Component, Elements};
 use crate::document::{Document, extension, index, list, whole};
 use crate::error::{SceneError, codec, reference, value};
 use crate::geometry::{attribute, open, primitive_place};
+use crate::materials::TEXCOORD;
+use crate::profile::Profile;
 use crate::scene::Scene;
 
 /// The extension's name.
@@ -41,6 +43,8 @@ pub struct LightImage {
 pub struct Lightmap {
     /// The root object of the extension.
     pub extension: Value,
+    /// How the light stands in the file.
+    pub profile: Profile,
     /// At least one.
     pub layers: Vec<LayerRead>,
 }
@@ -54,7 +58,8 @@ pub struct LayerRead {
     pub pages: Vec<LightImage>,
     /// The table of colors, where codes are numbers of its entries.
     pub table: Option<LightImage>,
-    /// In the order of [`Scene::parts`]: per triangle, per corner. Empty for parts without light.
+    /// In the order of [`Scene::parts`]: per triangle, per corner. Empty for parts without light. In plain profiles
+    /// these are coordinates, `0..=65535` over the page, and the same in all layers.
     pub parts: Vec<Vec<[[u16; 2]; 3]>>,
 }
 
@@ -92,6 +97,13 @@ fn check_version(json: &Value) -> Result<(), SceneError> {
     Err(SceneError::Unsupported { what, remedy, place: Box::default() })
 }
 
+/// How light stands in the file; the first profile where nothing is said.
+fn profile_of(json: &Value) -> Result<Profile, SceneError> {
+    let Some(found) = json.get("profile") else { return Ok(Profile::Eta) };
+    let profile = found.as_str().and_then(|name| name.parse().ok());
+    profile.ok_or_else(|| value("profile", found, "eta, stock, texcoord or lightmap"))
+}
+
 impl Scene {
     /// What the extension of a file that this program baked says, without its light; `None` for any other file.
     ///
@@ -113,9 +125,10 @@ impl Scene {
     pub fn read_lightmap(&self) -> Result<Option<Lightmap>, SceneError> {
         let Some(root) = &self.baked else { return Ok(None) };
         let Some(json) = self.read_extension()? else { return Ok(None) };
+        let profile = profile_of(json)?;
         let mut layers = Vec::new();
         for (number, layer) in list(json, "layers").iter().enumerate() {
-            layers.push(self.layer(root, number, layer)?);
+            layers.push(self.layer(root, number, layer, profile)?);
         }
         if layers.is_empty() {
             let found = json.get("layers").unwrap_or(&Value::Null);
@@ -125,9 +138,9 @@ impl Scene {
             return Err(value("pages", other.pages.len(), "as many as in the first layer"));
         }
         for part in 0..self.parts.len() {
-            self.part_codes(root, part, &mut layers)?;
+            self.part_codes(root, part, &mut layers, profile)?;
         }
-        Ok(Some(Lightmap { extension: json.clone(), layers }))
+        Ok(Some(Lightmap { extension: json.clone(), profile, layers }))
     }
 
     /// What the fallback `COLOR_0` of a baked file holds, in the order of [`Scene::parts`]: linear RGB per triangle,
@@ -154,10 +167,16 @@ impl Scene {
     }
 
     /// A layer's object and images.
-    fn layer(&self, root: &Value, number: usize, json: &Value) -> Result<LayerRead, SceneError> {
+    fn layer(
+        &self,
+        root: &Value,
+        number: usize,
+        json: &Value,
+        profile: Profile,
+    ) -> Result<LayerRead, SceneError> {
         let info = json.as_object().ok_or_else(|| value("a layer", json, "an object"))?.clone();
         let name = json.get("attribute").unwrap_or(&Value::Null);
-        if name.as_str() != Some(&attribute_name(number)) {
+        if profile == Profile::Eta && name.as_str() != Some(&attribute_name(number)) {
             return Err(value("attribute", name, "the name that belongs to the layer's number"));
         }
         let channels = json.get("channels").unwrap_or(&Value::Null);
@@ -168,11 +187,12 @@ impl Scene {
         let pages = pages.as_array().ok_or_else(|| value("pages", pages, "an array of textures"))?;
         let pages = pages.iter().map(|p| self.light_image(root, "pages", p)).collect::<Result<_, _>>()?;
         let table = match (json.get("codes").and_then(Value::as_str), json.get("table")) {
-            (Some("packed"), None) => None,
+            (Some("packed"), None) if !profile.is_plain() => None,
+            (Some("coordinates"), None) if profile.is_plain() => None,
             (Some("table"), Some(table)) => Some(self.light_image(root, "table", table)?),
             _ => {
                 let found = json.get("codes").unwrap_or(&Value::Null);
-                return Err(value("codes", found, "packed without a table, or table with one"));
+                return Err(value("codes", found, "packed without a table, table with one, or coordinates"));
             }
         };
         Ok(LayerRead { info, pages, table, parts: Vec::with_capacity(self.parts.len()) })
@@ -190,19 +210,28 @@ impl Scene {
     }
 
     /// Adds a part's codes to all layers.
-    fn part_codes(&self, root: &Value, part: usize, layers: &mut [LayerRead]) -> Result<(), SceneError> {
-        let count = layers.len();
-        for (number, layer) in layers.iter_mut().enumerate() {
-            let name = attribute_name(number);
+    fn part_codes(
+        &self,
+        root: &Value,
+        part: usize,
+        layers: &mut [LayerRead],
+        profile: Profile,
+    ) -> Result<(), SceneError> {
+        let count = profile.attributes(layers.len());
+        for number in 0..count {
             let opened = self.open_all(root, part, &|json, ours| {
                 let names = ours.get("attributes").unwrap_or(&Value::Null);
-                let named = names.as_array().filter(|n| n.len() == count);
-                if named.and_then(|n| n[number].as_str()) != Some(&name) {
-                    return Err(value("attributes", names, "the attributes of all layers, in their order"));
-                }
-                let codes = attribute(&self.document, json, &name)?
-                    .ok_or_else(|| value(&*name, "missing", "an attribute of the primitive"))?;
-                let codes = open(&self.document, codes, &name, 2..=2, None)?;
+                let named = names.as_array().filter(|n| n.len() == count).and_then(|n| n[number].as_str());
+                let fits = |name: &&str| match profile {
+                    Profile::Eta => **name == attribute_name(number),
+                    _ => name.starts_with(TEXCOORD),
+                };
+                let name = named.filter(fits).ok_or_else(|| {
+                    value("attributes", names, "the attributes of all layers, in their order")
+                })?;
+                let codes = attribute(&self.document, json, name)?
+                    .ok_or_else(|| value(name, "missing", "an attribute of the primitive"))?;
+                let codes = open(&self.document, codes, name, 2..=2, None)?;
                 if codes.layout.component != Component::U16 {
                     return Err(codec(
                         "light",
@@ -217,8 +246,11 @@ impl Scene {
                 }
                 None => Vec::new(),
             };
-            layer.parts.push(codes);
+            layers[number].parts.push(codes);
         }
+        // One attribute for all layers.
+        let shared = layers[0].parts.last().cloned().unwrap_or_default();
+        layers[count..].iter_mut().for_each(|layer| layer.parts.push(shared.clone()));
         Ok(())
     }
 

@@ -12,6 +12,8 @@ use crate::draco::DRACO;
 use crate::error::SceneError;
 use crate::geometry::attribute;
 use crate::lightmap::{COLOR, EXTENSION, ORIGINAL_COLOR, attribute_name};
+use crate::materials::{TEXCOORD, texcoord_sets};
+use crate::profile::Profile;
 use crate::split::{Split, split};
 use crate::undo::remove_extension;
 use crate::write::{PartWritten, Patch, Purpose};
@@ -68,15 +70,19 @@ impl<'a> Patch<'a> {
         } else {
             self.split_pool(number, &first, &split)?;
         }
+        let profile = self.light.profile;
+        let names = self.attribute_names(&first, split.codes.len());
         let mut codes = Vec::with_capacity(split.codes.len());
         for (layer, of_layer) in split.codes.iter().enumerate() {
             let bytes: Vec<u8> = of_layer.iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
             self.written.light_bytes += bytes.len() as u64;
             self.written.layers[layer].attribute_bytes += bytes.len() as u64;
-            let template = json!({"componentType": 5123, "count": of_layer.len(), "type": "VEC2"});
+            let mut template = json!({"componentType": 5123, "count": of_layer.len(), "type": "VEC2"});
+            if profile.is_plain() {
+                template["normalized"] = true.into();
+            }
             codes.push(self.new_accessor(Purpose::Light { layer }, &bytes, template));
         }
-        let names: Vec<String> = (0..codes.len()).map(attribute_name).collect();
         let color = match self.light.fallback {
             Fallback::Color0 => Some(self.fallback(&split, original_color)?),
             Fallback::None => None,
@@ -104,9 +110,18 @@ impl<'a> Patch<'a> {
             original_vertices: source.vertices,
             added_vertices: split.added.len(),
             original_stride,
-            stride: original_stride + 4 * codes.len() + if color.is_some() { 4 } else { 0 },
+            stride: original_stride + profile.stride() * codes.len() + if color.is_some() { 4 } else { 0 },
         });
         Ok(())
+    }
+
+    /// The attributes with the light of a primitive: our own, or the sets of texture coordinates after its last.
+    fn attribute_names(&self, primitive: &Value, count: usize) -> Vec<String> {
+        if self.light.profile == Profile::Eta {
+            return (0..count).map(attribute_name).collect();
+        }
+        let first = texcoord_sets(primitive);
+        (first..first + count).map(|set| format!("{TEXCOORD}{set}")).collect()
     }
 
     fn primitive(&self, mesh: usize, primitive: usize) -> &'a Value {

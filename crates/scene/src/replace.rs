@@ -8,7 +8,7 @@ use crate::texture::Slot;
 use crate::undo::remove_extension;
 
 /// Extensions of materials that hold a lightmap.
-const LIGHTMAPS: [&str; 2] = ["MOZ_lightmap", "EXT_lightmap"];
+pub(crate) const LIGHTMAPS: [&str; 2] = ["MOZ_lightmap", "EXT_lightmap"];
 
 /// Removes the textures of some slots from all materials, and with them what nothing else uses: images, samplers, and
 /// extensions from their lists.

@@ -18,6 +18,7 @@ use crate::geometry::{attribute, open};
 use crate::images::decode;
 use crate::material::base_color;
 use crate::scene::Scene;
+use crate::srgb::linear;
 
 /// What lies outside of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -207,11 +208,6 @@ impl Image {
             Texels::Sixteen(t) => f32::from(t[at]) / 65535.0,
         }
     }
-}
-
-/// The linear value of an sRGB one (IEC 61966-2-1).
-pub(crate) fn linear(encoded: f32) -> f32 {
-    if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
 impl Scene {

@@ -4,12 +4,14 @@ use serde_json::Value;
 
 use crate::document::{array, extension, list, object, whole};
 use crate::lightmap::{ATTRIBUTE, COLOR, EXTENSION, is_layer_name};
+use crate::materials::{TEXCOORD, undo_materials};
 
 /// Takes a bake out of a document: our attributes, textures and extension objects go, an original `COLOR_0`
 /// returns. Vertices that were split stay split. Returns whether there was anything to undo.
 pub(crate) fn undo(root: &mut Value) -> bool {
     let Some(ours) = extension(root, EXTENSION).cloned() else { return false };
     let empty = |root: &mut Value, key: &str| array(root, key).is_empty();
+    undo_materials(root, &ours);
     if root.get("meshes").is_some() {
         for mesh in array(root, "meshes") {
             if mesh.get("primitives").is_some() {
@@ -49,7 +51,7 @@ fn undo_primitive(primitive: &mut Value) {
     let name = |key: &str| ours.get(key).and_then(Value::as_str);
     // `attributes` is of version 2, `attribute` of version 1.
     let named = list(&ours, "attributes").iter().chain(ours.get("attribute")).filter_map(Value::as_str);
-    let named: Vec<&str> = named.filter(|n| is_layer_name(n)).collect();
+    let named: Vec<&str> = named.filter(|n| is_layer_name(n) || n.starts_with(TEXCOORD)).collect();
     if let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) {
         attributes.shift_remove(ATTRIBUTE);
         for light in named {

@@ -8,7 +8,7 @@ use crate::document::{Document, extension, index, list, name, whole};
 use crate::error::SceneError;
 use crate::scene::Scene;
 
-const VARIANTS: &str = "KHR_materials_variants";
+pub(crate) const VARIANTS: &str = "KHR_materials_variants";
 
 /// The names of a document's variants; variants without a name have an empty one.
 fn names(document: &Document) -> Vec<String> {

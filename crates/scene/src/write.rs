@@ -14,13 +14,14 @@ use serde_json::{Map, Value, json};
 
 use crate::assemble::stem;
 use crate::baked::{BakedLight, check_light};
-use crate::document::{BufferSource, Document, array, extension, index, list, object};
+use crate::document::{BufferSource, Document, array, extension, index, list, object, whole};
 use crate::error::{SceneError, Warning, Warnings};
 use crate::geometry::primitive_place;
 use crate::instances::{self, INSTANCING};
 use crate::lightmap::{EXTENSION, VERSION, attribute_name};
 use crate::nodes::place_of;
 use crate::output::Staged;
+use crate::profile::Profile;
 use crate::replace::remove_slots;
 use crate::scene::Scene;
 use crate::undo::remove_extension;
@@ -328,21 +329,32 @@ impl<'a> Patch<'a> {
         }
     }
 
-    /// Adds the images of all layers and the root object.
+    /// Adds the images of all layers, lets materials show them in plain profiles, and adds the root object.
     fn layers(&mut self, path: &Path) -> Result<(), SceneError> {
         let light = self.light;
         let pages = light.layers.iter().any(|l| !l.pages.is_empty()).then(|| self.sampler(LINEAR));
         // The entries of a table must not be mixed.
         let tables = light.layers.iter().any(|l| l.table.is_some()).then(|| self.sampler(NEAREST));
         let mut layers = Vec::with_capacity(light.layers.len());
+        let mut shown = Vec::new();
         for (number, layer) in light.layers.iter().enumerate() {
             let mut ours = layer.info.clone();
-            ours.insert("attribute".to_owned(), attribute_name(number).into());
-            ours.insert("codes".to_owned(), if layer.table.is_some() { "table" } else { "packed" }.into());
+            let codes = match (light.profile.is_plain(), &layer.table) {
+                (true, _) => "coordinates",
+                (false, Some(_)) => "table",
+                (false, None) => "packed",
+            };
+            if light.profile == Profile::Eta {
+                ours.insert("attribute".to_owned(), attribute_name(number).into());
+            }
+            ours.insert("codes".to_owned(), codes.into());
             let mut textures = Vec::with_capacity(layer.pages.len());
             for (page, png) in layer.pages.iter().enumerate() {
                 self.written.layers[number].atlas_bytes += png.len() as u64;
                 textures.push(Value::from(self.texture(path, number, &page.to_string(), png, pages)?));
+            }
+            if let (Some(texture), Some(page)) = (layer.texture, textures.first().and_then(whole)) {
+                shown.push((texture, page as usize));
             }
             ours.insert("pages".to_owned(), Value::Array(textures));
             ours.shift_remove("table");
@@ -360,13 +372,21 @@ impl<'a> Patch<'a> {
             ours.entry(key).or_insert_with(|| v.clone());
         }
         ours.insert("layers".to_owned(), Value::Array(layers));
+        if light.profile.is_plain() {
+            ours.insert("materials".to_owned(), self.materials(&shown).into());
+        }
         let extensions = object(object(&mut self.root).entry("extensions").or_insert(Value::Null));
         extensions.insert(EXTENSION.to_owned(), Value::Object(ours));
-        let used = array(&mut self.root, "extensionsUsed");
-        if !used.iter().any(|e| e.as_str() == Some(EXTENSION)) {
-            used.push(EXTENSION.into());
-        }
+        self.use_extension(EXTENSION);
         Ok(())
+    }
+
+    /// Lists an extension as used.
+    pub fn use_extension(&mut self, name: &str) {
+        let used = array(&mut self.root, "extensionsUsed");
+        if !used.iter().any(|e| e.as_str() == Some(name)) {
+            used.push(name.into());
+        }
     }
 
     /// Adds a sampler that clamps and has no mipmaps.
