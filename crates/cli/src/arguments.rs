@@ -40,7 +40,7 @@ pub enum Command {
     /// Decode a baked file as the GPU shows it and compare with freshly traced light
     Verify(Verify),
     /// Make a picture of a scene or of its baked light, without a GPU
-    Render(Render),
+    Render(Box<crate::pictures::Render>),
     /// Look at a baked file in a browser, or write the page as a static site
     View(crate::view::View),
     /// Fit vertices alone by every method and print what each costs
@@ -446,63 +446,6 @@ pub struct Verify {
     pub environment: Option<PathBuf>,
     #[command(flatten)]
     pub common: Common,
-}
-
-/// Arguments of `render`.
-#[derive(Args)]
-pub struct Render {
-    /// A .gltf or .glb file
-    pub file: PathBuf,
-    /// Picture to write: .png
-    #[arg(short, long)]
-    pub output: PathBuf,
-    /// What to show: one mode, or several separated by commas side by side
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "light")]
-    pub mode: Vec<ModeName>,
-    /// Where to look from: front, back, left, right, top, bottom, three-quarter, or AZIMUTH,ELEVATION in degrees
-    #[arg(long, default_value = "three-quarter", allow_hyphen_values = true)]
-    pub view: String,
-    /// 2 shows half as much of the scene, and so on
-    #[arg(long, default_value_t = 1.0)]
-    pub zoom: f32,
-    /// Look at this point instead of the middle of the scene
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
-    pub target: Option<Vec<f32>>,
-    /// Width and height of one picture in pixels
-    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=8192))]
-    pub size: u32,
-    /// Rays per pixel for modes that trace light
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=65536))]
-    pub rays: u32,
-    /// Which scene of the file [default: the file's default scene]
-    #[arg(long, value_name = "N")]
-    pub scene: Option<usize>,
-    /// Which layer of the light, from 0
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub layer: usize,
-    #[command(flatten)]
-    pub common: Common,
-}
-
-/// Modes of a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ModeName {
-    /// The baked light as the shader shows it
-    Light,
-    /// The light traced at every pixel
-    Reference,
-    /// Vertices only, sampled at the vertices
-    Point,
-    /// Vertices only, least squares
-    LeastSquares,
-    /// Texture triangles red, mixed ones yellow, color triangles by their light
-    Classes,
-    /// Ten times the difference between baked and traced light
-    Error,
-    /// Charts in different colors
-    Charts,
-    /// Plain shape
-    Clay,
 }
 
 #[cfg(test)]

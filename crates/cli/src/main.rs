@@ -6,6 +6,8 @@
 //! | [`commands`] | one function per command |
 //! | [`progress`] | bars on a terminal, plain lines elsewhere |
 //! | [`pictures`] | the command `render` |
+//! | [`stations`] | where pictures are taken from |
+//! | [`studio`] | what they show of one scene |
 //! | [`view`] | the command `view`, and the report as a page |
 //! | [`vertices`] | the commands `compare` and `fit` |
 //! | [`messages`] | errors with place and remedy, exit codes |
@@ -18,6 +20,8 @@ mod light;
 mod messages;
 mod pictures;
 mod progress;
+mod stations;
+mod studio;
 mod vertices;
 mod view;
 

@@ -14,7 +14,8 @@ use lightkiln_bake::{BakeError, BakeOptions, Clock, Plan, Scenery, Surface};
 use lightkiln_fit::{Mass, Method, Regularizer};
 use lightkiln_light::{Hit, Signal, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
-use lightkiln_render::{Camera, Picture, View, render};
+use lightkiln_render::picture::{BACKGROUND, covering};
+use lightkiln_render::{Camera, Picture, Smoothing, Subject, View, render, sheet};
 use lightkiln_report::bytes_text;
 
 use crate::arguments::{Common, QualityName};
@@ -22,6 +23,7 @@ use crate::commands::{print, use_threads};
 use crate::files::write_whole;
 use crate::messages::{Exit, Failure};
 use crate::progress::Stages;
+use crate::stations::{LONG_LENS, xyz};
 
 /// What is fitted, and to how many samples.
 #[derive(Args)]
@@ -93,8 +95,8 @@ pub struct Fit {
     #[arg(long, default_value_t = 1.0)]
     pub zoom: f32,
     /// Look at this point instead of the middle of the scene
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-    pub target: Option<Target>,
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = xyz)]
+    pub target: Option<Vec3>,
     /// Width and height of one picture in pixels
     #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=8192))]
     pub size: u32,
@@ -114,22 +116,6 @@ impl std::str::FromStr for Sweep {
             _ => Err(format!("{t:?} is no number of at least 0")),
         };
         values.split(',').map(read).collect::<Result<_, _>>().map(Self)
-    }
-}
-
-/// The point of `--target`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Target(pub Vec3);
-
-impl std::str::FromStr for Target {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let read = |t: &str| t.trim().parse::<f32>().ok().filter(|v| v.is_finite());
-        match text.split(',').map(read).collect::<Option<Vec<f32>>>().as_deref() {
-            Some(&[x, y, z]) => Ok(Self(Vec3::new(x, y, z))),
-            _ => Err("a point is three numbers: X,Y,Z".into()),
-        }
     }
 }
 
@@ -338,10 +324,12 @@ fn write_pictures(
 ) -> Result<(), Failure> {
     let Ready { surface, tracer, signal, batches, .. } = *ready;
     let channels = signal.channels();
-    let target = arguments.target.map(|t| t.0);
-    let camera = Camera::framing(&surface.mesh.positions, target, view, arguments.zoom);
+    let size = [arguments.size as usize; 2];
+    let lens = [LONG_LENS; 2];
+    let camera = Camera::framing(&surface.mesh.positions, arguments.target, view, lens, arguments.zoom);
     let shot = |color: &(dyn Fn(&Hit) -> Vec3 + Sync)| {
-        render(tracer, surface, &camera, arguments.size as usize, color)
+        let subject = Subject { tracer, surfaces: surface, color: &covering(|hit, _| color(hit)) };
+        render(&subject, &camera, size, Smoothing::Everywhere).over(BACKGROUND)
     };
     let mut pictures: Vec<(String, Picture)> = tried
         .iter()
@@ -376,8 +364,7 @@ fn write_pictures(
     };
     if output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
         let row: Vec<Picture> = pictures.into_iter().map(|(_, picture)| picture).collect();
-        let row = Picture::row(&row).map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
-        return write(output, &row);
+        return write(output, &sheet(&row, row.len()));
     }
     std::fs::create_dir_all(output).map_err(|e| Failure::writing(output, &e))?;
     pictures.iter().try_for_each(|(name, picture)| write(&output.join(format!("{name}.png")), picture))
@@ -489,13 +476,6 @@ fn rows_text(rows: &[Row], outside: Outside) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn target_reads_a_point() {
-        assert_eq!("-1, 0.5,2".parse(), Ok(Target(Vec3::new(-1.0, 0.5, 2.0))));
-        assert!("1,2".parse::<Target>().is_err());
-        assert!("1,2,x".parse::<Target>().is_err());
-    }
 
     #[test]
     fn sweep_reads_a_list_of_alphas() {

@@ -10,17 +10,19 @@ use lightkiln_bake::{BakeError, Clock, Silent};
 use lightkiln_encode::LightCode;
 use lightkiln_light::Scale;
 use lightkiln_page::{Figure, LayerModel, Model, Server, Site, report_page};
+use lightkiln_render::picture::BACKGROUND;
 use lightkiln_report::{Report, bytes_text};
 use lightkiln_scene::{LayerRead, ReadOptions, Scene};
 use lightkiln_texel::read_png;
 use serde_json::{Map, Value, json};
 
-use crate::arguments::{Common, ModeName};
+use crate::arguments::Common;
 use crate::commands::{print, use_threads};
 use crate::files::write_whole;
 use crate::messages::{Exit, Failure};
-use crate::pictures::{Look, Studio, in_studio};
 use crate::progress::Stages;
+use crate::stations::Stations;
+use crate::studio::{Look, ModeName, Studio, Values, in_studio};
 
 /// Arguments of `view`.
 #[derive(Args)]
@@ -90,12 +92,12 @@ pub fn write_report(path: &Path, report: &Report, baked: &Path, scene: Option<us
     write_whole(path, report_page(report, &figures).as_bytes())
 }
 
-/// The whole scene from the usual side.
 fn look(file: &Path, scene: Option<usize>) -> Look<'_> {
-    let view = lightkiln_render::View { azimuth: 35.0, elevation: 25.0 };
-    let size = 480;
-    Look { file, scene, layer: 0, view, target: None, zoom: 1.0, size, rays: ERROR_RAYS, needs_light: true }
+    Look { file, scene, layer: 0, rays: ERROR_RAYS, values: Values::Screen, needs_light: true }
 }
+
+/// Width of a report's pictures in pixels.
+const FIGURE: usize = 480;
 
 /// Layers whose light a report shows.
 const SHOWN_LAYERS: usize = 4;
@@ -106,21 +108,14 @@ fn figures(studio: &mut Studio<'_>, clock: &mut Clock<'_>) -> Result<Vec<Figure>
     for layer in 0..studio.layers.layers.len().min(SHOWN_LAYERS) {
         studio.layer = layer;
         let name = studio.layers.layers[layer].layer.name.clone();
-        figures.push(figure(
-            studio,
-            ModeName::Light,
-            "The light",
-            &format!("{name}, as the file shows it."),
-            clock,
-        )?);
+        let caption = format!("{name}, as the file shows it.");
+        figures.push(figure(studio, ModeName::Light, "The light", &caption, clock)?);
     }
     studio.layer = 0;
     let classes = "Red shows the atlas, gray vertex values, yellow blends from one to the other.";
     figures.push(figure(studio, ModeName::Classes, "Classes", classes, clock)?);
     let charts = "Texture triangles by their place in the atlas, in squares of 2 × 2 texels.";
     figures.push(figure(studio, ModeName::Charts, "Charts", charts, clock)?);
-    // Each of its pixels takes many rays.
-    studio.size /= 2;
     let error = format!(
         "Ten times what is too bright (red) or too dark (blue), against {ERROR_RAYS} rays a pixel, whose noise is in it."
     );
@@ -135,8 +130,12 @@ fn figure(
     caption: &str,
     clock: &mut Clock<'_>,
 ) -> Result<Figure, Failure> {
-    let pictures = studio.pictures(&[mode], clock)?;
-    let png = pictures[0].to_png().map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
+    // The whole scene from the usual side. Each pixel of an error takes many rays.
+    let size = if mode == ModeName::Error { FIGURE / 2 } else { FIGURE };
+    let stations = Stations::usual(size);
+    let shots = stations.shots(studio.surface.scene, None, &studio.surface.mesh)?;
+    let picture = studio.pictures(mode, &shots, clock)?.swap_remove(0).over(BACKGROUND);
+    let png = picture.to_png().map_err(|e| Failure::new(Exit::Failed, e.to_string()))?;
     Ok(Figure { title: title.to_owned(), caption: caption.to_owned(), png })
 }
 
@@ -152,8 +151,7 @@ fn read(arguments: &View, clock: &mut Clock<'_>) -> Result<Model, Failure> {
         None => file_figures(&arguments.file)?,
     };
     if let Some(points) = arguments.trace {
-        let mut look = look(&arguments.file, arguments.scene);
-        look.rays = ERROR_RAYS;
+        let look = look(&arguments.file, arguments.scene);
         in_studio(&look, clock, |studio, clock| trace(studio, points as usize, &mut gathered, clock))?;
     }
     Ok(gathered.model)

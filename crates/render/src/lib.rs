@@ -1,16 +1,24 @@
 //! Pictures of a bake, by rays on the CPU: small and simple, for reports, tests and eyes.
 //!
-//! One ray through each of four places of a pixel finds what a viewer would see (back faces of single-sided
-//! triangles and thin glass are looked through); a function turns each hit into a color. The functions for
-//! baked light, reference, classes and error live with their callers: they need nothing from here but the hit.
+//! Rays through the places of a pixel find what a viewer would see; a function turns each line of sight into a color.
+//! The functions for baked light, reference, classes and error live with their callers: they need nothing from here but
+//! the surfaces along the line.
 //!
 //! | module | what |
 //! |---|---|
 //! | [`camera`] | where a picture is taken from |
-//! | [`picture`] | pixels, sheets of pictures, PNG |
+//! | [`sight`] | what lies along a ray, front to back |
+//! | [`picture`] | pixels, PNG |
+//! | [`sheet`] | pictures in rows and columns |
 
 pub mod camera;
+mod error;
 pub mod picture;
+pub mod sheet;
+pub mod sight;
 
-pub use camera::{Camera, View};
-pub use picture::{Picture, RenderError, render};
+pub use camera::{Camera, Lens, Ray, View};
+pub use error::RenderError;
+pub use picture::{Picture, Smoothing, Subject, render};
+pub use sheet::sheet;
+pub use sight::Sight;

@@ -14,7 +14,7 @@
 //! | `geometry`, `lookup` | pools of vertices as triangles; texture coordinates and vertex colors |
 //! | `material`, `images`, `variants` | materials with their images |
 //! | `surface` | what a point reflects, emits and lets through |
-//! | `lights`, `environment` | punctual lights, environment maps |
+//! | `lights`, `environment`, `cameras` | punctual lights, environment maps, cameras |
 //! | `roles` | who casts and receives; parts chosen by name |
 //! | `texture` | textures as signals |
 //! | [`srgb`] | the curve of colors in images |
@@ -31,6 +31,7 @@
 mod accessor;
 mod assemble;
 mod baked;
+mod cameras;
 mod container;
 mod document;
 mod draco;
@@ -66,6 +67,7 @@ mod variants;
 mod write;
 
 pub use baked::{BakedLight, ExtensionInfo, Fallback, LayerFiles, PartLight};
+pub use cameras::{Projection, SceneCamera};
 pub use environment::{Environment, decode_environment, read_environment};
 pub use error::{Place, SceneError, Warning};
 pub use footprint::ImageSize;
