@@ -26,9 +26,19 @@ impl Signal for Combined<'_> {
         &self.layers
     }
 
-    /// The fewest rays that a part has: what the expected spread of the noisiest layer is judged by.
+    /// The fewest rays that a part has: a part that needs none counts as if it had very many.
     fn rays_per_batch(&self) -> u32 {
         self.parts.iter().map(|part| part.rays_per_batch()).min().unwrap_or(1)
+    }
+
+    fn rays_of_layer(&self, mut layer: usize) -> u32 {
+        for part in &self.parts {
+            match layer.checked_sub(part.layers().len()) {
+                Some(next) => layer = next,
+                None => return part.rays_of_layer(layer),
+            }
+        }
+        self.rays_per_batch()
     }
 
     fn batch(&self, point: SurfacePoint, key: u64, batch: u32, out: &mut [f32]) -> f32 {
@@ -86,6 +96,42 @@ mod tests {
         let point = SurfacePoint { triangle: TriangleId(0), barycentric: [0.0; 2] };
         assert_eq!(both.batch(point, 10, 100, &mut out), 0.25);
         assert_eq!(out, [111.0, 112.0, 113.0, 114.0]);
+    }
+
+    #[test]
+    fn combined_layers_keep_the_noise_of_their_own_rays() {
+        let layer = |rays| {
+            let layer = Layer::scalar("a");
+            Box::new(Steady([layer], rays)) as Box<dyn Signal>
+        };
+        let points = [SurfacePoint { triangle: TriangleId(0), barycentric: [0.0; 2] }; 3];
+        let estimate = |signal: &dyn Signal| {
+            let mut estimates = crate::Estimates::new(3, signal.channels());
+            estimates.refine(signal, &points, &[1, 2, 3], &[4; 3]);
+            estimates
+        };
+        let both = estimate(&Combined::new(vec![layer(1 << 24), layer(16)]));
+        for (channel, rays) in [1 << 24, 16].into_iter().enumerate() {
+            let alone = estimate(layer(rays).as_ref());
+            assert_eq!(both.variance_of_mean(1, channel), alone.variance_of_mean(1, 0));
+        }
+        assert!(both.variance_of_mean(1, 0) < 1e-9 && both.variance_of_mean(1, 1) > 1e-4);
+    }
+
+    /// The same value at every look.
+    struct Steady([Layer; 1], u32);
+
+    impl Signal for Steady {
+        fn layers(&self) -> &[Layer] {
+            &self.0
+        }
+        fn rays_per_batch(&self) -> u32 {
+            self.1
+        }
+        fn batch(&self, _: SurfacePoint, _: u64, _: u32, out: &mut [f32]) -> f32 {
+            out.fill(0.5);
+            0.0
+        }
     }
 
     #[test]

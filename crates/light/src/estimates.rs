@@ -55,8 +55,8 @@ pub struct Estimates {
 /// What the spread of a channel is expected to be before a point has shown its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Expected {
-    /// That of yes-or-no rays between two numbers.
-    Rays { low: f32, high: f32 },
+    /// That of so many yes-or-no rays between two numbers.
+    Rays { low: f32, high: f32, rays: u32 },
     /// What the other points have: the mean variance of a batch, if any has two, and the mean value.
     Pooled { variance: Option<f64>, mean: f64 },
 }
@@ -71,7 +71,7 @@ impl Estimates {
             batches: vec![0; points],
             backs: vec![0; points],
             rays_per_batch: 0,
-            spreads: vec![Expected::Rays { low: 0.0, high: 1.0 }; channels],
+            spreads: vec![Expected::Rays { low: 0.0, high: 1.0, rays: 0 }; channels],
         }
     }
 
@@ -119,11 +119,14 @@ impl Estimates {
 
     /// What is known of the spreads by now. One thread sums in a fixed order.
     fn expected_spreads(&self, signal: &dyn Signal) -> Vec<Expected> {
-        let domains = signal.layers().iter().flat_map(|l| std::iter::repeat_n(l.domain, l.channels));
-        domains
+        let layers = signal.layers().iter().enumerate();
+        let channels = layers.flat_map(|(number, l)| std::iter::repeat_n((number, l.domain), l.channels));
+        channels
             .enumerate()
-            .map(|(channel, domain)| match domain {
-                Domain::Bounded { low, high } => Expected::Rays { low, high },
+            .map(|(channel, (layer, domain))| match domain {
+                Domain::Bounded { low, high } => {
+                    Expected::Rays { low, high, rays: signal.rays_of_layer(layer) }
+                }
                 Domain::Hdr | Domain::SignedHdr => self.pooled_spread(channel),
             })
             .collect()
@@ -215,10 +218,10 @@ impl Estimates {
         let m2 = f64::from(self.m2[at]);
         let weighed = |prior: f64, expected: f64| (prior * expected + m2) / (prior + batches - 1.0) / batches;
         let variance = match self.spreads[channel] {
-            Expected::Rays { low, high } => {
+            Expected::Rays { low, high, rays } => {
                 let (low, high) = (f64::from(low), f64::from(high));
                 let extent = high - low;
-                let rays = f64::from(self.rays_per_batch);
+                let rays = f64::from(rays);
                 // The share of rays that say yes, drawn to the middle by two of each (Agresti and Coull 1998).
                 let yes = ((f64::from(self.mean[at]) - low) / extent).clamp(0.0, 1.0) * rays * batches;
                 let share = (yes + 2.0) / (rays * batches + 4.0);

@@ -62,6 +62,13 @@ pub trait Signal: Sync {
     /// Rays of one batch.
     fn rays_per_batch(&self) -> u32;
 
+    /// Rays of one batch that a layer is made of: the noise that is expected of it before it has shown any.
+    ///
+    /// - `layer`: its number in [`Self::layers`]
+    fn rays_of_layer(&self, _layer: usize) -> u32 {
+        self.rays_per_batch()
+    }
+
     /// An estimate from one batch, scrambled independently of all others and keyed by `key` and `batch` only.
     ///
     /// - `out`: `channels()` values
