@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`options`] | what is asked for, and the plan that follows |
 //! | [`surface`] | parts of the scene to one light mesh |
+//! | `sides` | which side of a sheet is seen |
 //! | [`lighting`] | which light there is and what it meets |
 //! | [`scenery`] | all files that light is traced in |
 //! | [`layers`] | what stored values mean, and what an error is |
@@ -38,6 +39,7 @@ mod profiles;
 pub mod rounds;
 pub mod scenery;
 pub mod shade;
+mod sides;
 pub mod signals;
 pub mod stored;
 pub mod surface;
@@ -90,7 +92,7 @@ pub fn bake(
     let samples = poisson_disk(&surface.mesh, &SampleOptions { radius: plan.radius, seed: plan.seed })?;
     clock.stage("light");
     let tracer = Tracer::new(surface.casters(), &surface)?;
-    surface.turn_hidden_sheets(&tracer, plan.ao_distance);
+    surface.turn_hidden_sheets(&tracer, &scenery.lighting);
     let signal = plan.signals.on(&plan.stage(&surface, &tracer, &scenery.lighting))?;
     let signal = signal.as_ref();
     options.check_profile(signal.layers())?;

@@ -3,12 +3,11 @@
 use std::sync::OnceLock;
 
 use glam::Vec3;
-use lightkiln_light::{AmbientOcclusion, SurfaceFlags, Surfaces, Tracer};
-use lightkiln_mesh::{Adjacency, Fans, Mesh, Source, SurfacePoint, TriangleId, VertexId, random, weld};
+use lightkiln_light::{Lighting, SurfaceFlags, Surfaces, Tracer};
+use lightkiln_mesh::{Adjacency, Fans, Mesh, Source, SurfacePoint, TriangleId, VertexId, weld};
 use lightkiln_scene::{Scene, TriangleFlags};
-use rayon::prelude::*;
 
-use crate::BakeError;
+use crate::{BakeError, sides};
 
 /// Normals whose angle is below about one degree are one: exporters and quantization round them differently.
 const SAME_NORMAL_COSINE: f32 = 0.999_85;
@@ -39,8 +38,8 @@ pub struct Surface<'a> {
     flags: Vec<SurfaceFlags>,
     /// Whether a triangle stands in the way of light; empty if all do.
     casts: Vec<bool>,
-    /// Per sheet: its back is the side that is seen.
-    turned: OnceLock<TurnedSheets>,
+    /// Per triangle of the light mesh: its back is the side that is seen.
+    turned: OnceLock<Vec<bool>>,
 }
 
 /// A part that gets no light.
@@ -59,11 +58,6 @@ pub struct Cast<'a> {
     pub casts: Vec<bool>,
     /// Scenes that stand in the way and get no light.
     pub occluders: Vec<&'a Scene>,
-}
-
-struct TurnedSheets {
-    sheet_of: Vec<u32>,
-    turned: Vec<bool>,
 }
 
 /// Vertices and triangles of several parts, on the way to one mesh.
@@ -219,85 +213,28 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// Points at which a sheet is looked at from its front first, and from both sides where that is dark. Even the
-/// backs of a shower's walls have no more than a tenth of the light, and a few points miss it.
-const FIRST_POINTS: usize = 4;
-const SIDE_POINTS: usize = 64;
-
-/// A double-sided sheet is seen from its back when its front is darker than this, and its back brighter by this
-/// factor and by more than the last number: several times the noise of that many points.
-const DARK_FRONT: f32 = 0.03;
-const BRIGHTER_BACK: f32 = 3.0;
-const LIT_BACK: f32 = 0.01;
-
 impl Surface<'_> {
-    /// Finds the double-sided sheets whose front faces the inside of something (tyres and caps are often
-    /// exported so), and from then on asks for the light on their backs. To be called once.
-    ///
-    /// - `distance`: what is farther away does not darken, in units of the mesh; may be infinite
-    ///
-    /// The decision depends on the geometry and the distance only, not on the seed of a bake, so that a later look
-    /// at the same file comes to the same one.
-    pub fn turn_hidden_sheets(&self, tracer: &Tracer<'_>, distance: f32) {
-        let occlusion = &AmbientOcclusion::new(tracer, self.world(), distance, 0);
-        let (sheet_of, count) = lightkiln_mesh::sheets(&self.mesh);
-        let mut triangles: Vec<Vec<TriangleId>> = vec![Vec::new(); count];
-        let mut open_to_question = vec![true; count];
-        for t in self.mesh.triangle_ids() {
-            let sheet = sheet_of[t.index()] as usize;
-            open_to_question[sheet] &= self.flags[t.index()].double_sided;
-            triangles[sheet].push(t);
-        }
-        let turned = triangles
-            .par_iter()
-            .zip(&open_to_question)
-            .map(|(triangles, &open)| open && self.is_seen_from_behind(triangles, occlusion))
-            .collect();
+    /// Finds the double-sided sheets whose front faces the inside of something, and from then on asks for the light on
+    /// their backs: see [`crate::sides`]. To be called once.
+    pub fn turn_hidden_sheets(&self, tracer: &Tracer<'_>, lighting: &Lighting) {
         // A second call finds the same and changes nothing.
-        let _ = self.turned.set(TurnedSheets { sheet_of, turned });
+        let _ = self.turned.set(sides::turned(self, tracer, lighting));
     }
 
-    fn is_seen_from_behind(&self, triangles: &[TriangleId], occlusion: &AmbientOcclusion<'_>) -> bool {
-        let open = |points, side| self.mean_occlusion(triangles, occlusion, points, side);
-        if open(FIRST_POINTS, false) > 2.0 * DARK_FRONT {
-            return false;
-        }
-        let front = open(SIDE_POINTS, false);
-        front < DARK_FRONT && open(SIDE_POINTS, true) > BRIGHTER_BACK * front + LIT_BACK
-    }
-
-    /// The ambient occlusion of one side of a sheet by a batch at each of some points, equally spaced by area.
-    fn mean_occlusion(
-        &self,
-        triangles: &[TriangleId],
-        occlusion: &AmbientOcclusion<'_>,
-        points: usize,
-        side: bool,
-    ) -> f32 {
-        let total: f64 = triangles.iter().map(|&t| self.mesh.area(t)).sum();
-        let (mut sum, mut before, mut next) = (0.0, 0.0, 0);
-        for &triangle in triangles {
-            before += self.mesh.area(triangle);
-            // As many as fall into this triangle.
-            while next < points && (next as f64 + 0.5) / points as f64 * total <= before {
-                let key = random::hash(0, u64::from(triangle.0), next as u64, 0);
-                let barycentric = random::square_to_triangle(random::unit2(key));
-                let mut out = [0.0];
-                occlusion.batch_on_side(SurfacePoint { triangle, barycentric }, key, 1, side, &mut out);
-                sum += out[0];
-                next += 1;
-            }
-        }
-        sum / points as f32
+    /// Whether two triangles of the world are of one node, or one instance of it.
+    pub(crate) fn is_same_node(&self, a: TriangleId, b: TriangleId) -> bool {
+        let node = |triangle| {
+            let (scene, part, _) = self.source_of(triangle);
+            (std::ptr::from_ref(scene), scene.parts[part].node, scene.parts[part].instance)
+        };
+        node(a) == node(b)
     }
 }
 
 impl Surfaces for Surface<'_> {
     fn flags(&self, triangle: TriangleId) -> SurfaceFlags {
-        let turned = self
-            .turned
-            .get()
-            .is_some_and(|t| t.sheet_of.get(triangle.index()).is_some_and(|&sheet| t.turned[sheet as usize]));
+        let turned = self.turned.get().and_then(|turned| turned.get(triangle.index()));
+        let turned = turned.copied().unwrap_or(false);
         SurfaceFlags { turned, ..self.flags[triangle.index()] }
     }
 

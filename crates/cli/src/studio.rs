@@ -99,7 +99,7 @@ pub fn in_studio<T>(
     let (low, high) = surface.mesh.bounds();
     let usual = (high - low).length() * options::DEFAULT_DISTANCE;
     let distance = opened.recipe.as_ref().map_or(usual, Recipe::reach);
-    surface.turn_hidden_sheets(&tracer, distance);
+    surface.turn_hidden_sheets(&tracer, &opened.scenery.lighting);
     let signal = opened.signals.on(&opened.stage(&surface, &tracer, distance, PICTURE_SEED))?;
     let layers = match &light {
         Some(light) => light.layers.clone(),
