@@ -14,6 +14,12 @@ pub enum BakeError {
         /// The file's name.
         file: String,
     },
+    /// The scene has triangles, and none of them is to get light.
+    #[error("all parts of {file} are left out: none gets light")]
+    AllLeftOut {
+        /// The file's name.
+        file: String,
+    },
     /// The file carries no light of ours.
     #[error("{file} carries no LIGHTKILN_lightmap extension")]
     NotBaked {
@@ -105,6 +111,10 @@ impl BakeError {
             Self::NothingToBake { .. } => {
                 Some("name another scene with --scene, or check that its nodes draw triangles".into())
             }
+            Self::AllLeftOut { .. } => Some(
+                "widen --include, narrow --exclude, try --moving keep, or look for `receive` in the file's extras"
+                    .into(),
+            ),
             Self::NotBaked { .. } => Some("bake it first: lightkiln bake IN.glb -o OUT.glb".into()),
             Self::NoSignal { .. } => Some(
                 "choose another --signal; what --replace took out of a file cannot be verified against it"

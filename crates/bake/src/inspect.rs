@@ -61,8 +61,11 @@ pub fn inspect(path: &Path) -> Result<Inspection, BakeError> {
         Err(BakeError::NotBaked { .. }) => None,
         Err(error) => return Err(error),
     };
-    let options = recipe.as_ref().map(|recipe| recipe.light.clone()).unwrap_or_default();
-    let surface = Surface::with(&scene, &file, options.cast(&scene, &[])?)?;
+    // What is not baked counts as a whole.
+    let surface = match &recipe {
+        Some(recipe) => Surface::with(&scene, &file, recipe.light.cast(&scene, &[])?)?,
+        None => Surface::new(&scene, &file)?,
+    };
     let light = recipe.map(|_| FileLight::read(&surface, &file)).transpose()?;
     let vertices: u64 = (0..scene.parts.len()).map(|p| scene.gltf_vertex_count(p) as u64).sum();
     let images = scene.image_sizes();

@@ -9,6 +9,7 @@
 //! | [`surface`] | parts of the scene to one light mesh |
 //! | `sides` | which side of a sheet is seen |
 //! | [`lighting`] | which light there is and what it meets |
+//! | [`moving`] | parts that animations move |
 //! | [`scenery`] | all files that light is traced in |
 //! | [`layers`] | what stored values mean, and what an error is |
 //! | [`shade`] | light, fit, classify: rays where a decision is open |
@@ -33,6 +34,7 @@ pub mod file_light;
 pub mod inspect;
 pub mod layers;
 pub mod lighting;
+pub mod moving;
 pub mod options;
 pub mod output;
 mod profiles;
@@ -55,6 +57,7 @@ use lightkiln_scene::Scene;
 pub use clock::{Clock, Progress, Silent};
 pub use error::BakeError;
 pub use file_light::FileLight;
+pub use lighting::LightOptions;
 pub use options::{BakeOptions, Plan, Quality};
 pub use scenery::{Opened, Scenery};
 pub use surface::Surface;
@@ -85,6 +88,10 @@ pub fn bake(
     let options = &BakeOptions { light: options.light_of_profile()?, ..options.clone() };
     clock.stage("read");
     let scenery = Scenery::read(input, options.scene, &options.signals, &options.light)?;
+    let moving = options.light.moving_parts(&scenery.scene)?;
+    // From here on, as the file will say it.
+    let light = LightOptions { moving: moving.left_out.into(), ..options.light.clone() };
+    let options = &BakeOptions { light, ..options.clone() };
     clock.stage("weld");
     let surface = scenery.surface(&file_name(input), &options.light)?;
     let plan = Plan::new(options, &surface.mesh)?;
@@ -106,7 +113,7 @@ pub fn bake(
         input,
         output,
         surface: &surface,
-        remarks: scenery.remarks(&plan.light),
+        remarks: scenery.remarks(&moving),
         plan: &plan,
         lit: &lit,
         seen: &seen,

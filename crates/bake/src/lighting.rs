@@ -10,6 +10,7 @@ use lightkiln_scene::{Glass, LightKind, PunctualLight, ReadOptions, Scene, read_
 use serde::{Deserialize, Serialize};
 
 use crate::BakeError;
+use crate::moving::{Moving, MovingParts};
 use crate::surface::Cast;
 
 /// What light there is and what it meets. The defaults are those of a file that says all by itself.
@@ -64,9 +65,13 @@ pub struct LightOptions {
     /// Nodes that do not.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub exclude: Vec<String>,
-    /// Parts that an animation moves neither get light nor stand in its way.
-    #[serde(skip_serializing_if = "is_false")]
-    pub leave_out_moving: bool,
+    /// What becomes of parts that an animation moves. A file says only whether they were left out.
+    #[serde(
+        rename = "leaveOutMoving",
+        default = "Moving::kept",
+        skip_serializing_if = "Moving::is_not_left_out"
+    )]
+    pub moving: Moving,
     /// The variant of the materials.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub variant: Option<String>,
@@ -292,21 +297,35 @@ impl LightOptions {
     /// [`BakeError::Scene`] for a pattern that matches no node.
     pub fn cast<'a>(&self, scene: &Scene, occluders: &'a [Scene]) -> Result<Cast<'a>, BakeError> {
         let mut cast = Cast {
-            receives: scene.select(&self.include, &self.exclude)?,
+            receives: self.receives(scene)?,
             casts: Vec::new(),
             occluders: occluders.iter().collect(),
         };
+        let moving = MovingParts::new(scene, &cast.receives, self.moving);
+        if moving.left_out {
+            cast.casts = moving.moves.iter().map(|moves| !moves).collect();
+            cast.receives.iter_mut().zip(moving.moves).for_each(|(receives, moves)| *receives &= !moves);
+        }
+        Ok(cast)
+    }
+
+    /// The parts of a scene that an animation moves, and what becomes of them.
+    ///
+    /// # Errors
+    /// As [`Self::cast`].
+    pub fn moving_parts(&self, scene: &Scene) -> Result<MovingParts, BakeError> {
+        Ok(MovingParts::new(scene, &self.receives(scene)?, self.moving))
+    }
+
+    /// Which parts get light, if they do not move.
+    fn receives(&self, scene: &Scene) -> Result<Vec<bool>, BakeError> {
+        let mut receives = scene.select(&self.include, &self.exclude)?;
         if self.authored_occlusion == Some(AuthoredOcclusion::Keep) {
-            for (part, receives) in cast.receives.iter_mut().enumerate() {
+            for (part, receives) in receives.iter_mut().enumerate() {
                 *receives &= scene.has_occlusion_textures(part).contains(&false);
             }
         }
-        if self.leave_out_moving {
-            let moves = scene.moving_parts();
-            cast.casts = moves.iter().map(|moves| !moves).collect();
-            cast.receives.iter_mut().zip(moves).for_each(|(receives, moves)| *receives &= !moves);
-        }
-        Ok(cast)
+        Ok(receives)
     }
 
     fn surroundings(&self) -> Result<Option<Environment>, BakeError> {

@@ -8,6 +8,7 @@ use lightkiln_scene::{ReadOptions, Scene};
 
 use crate::file_light::Recipe;
 use crate::lighting::LightOptions;
+use crate::moving::MovingParts;
 use crate::signals::{Signals, Stage};
 use crate::{BakeError, FileLight, Surface};
 
@@ -60,24 +61,12 @@ impl Scenery {
     }
 
     /// What is worth a word.
-    pub fn remarks(&self, options: &LightOptions) -> Vec<String> {
-        let mut remarks = Vec::new();
-        if self.is_studio {
-            remarks.push(
-                "the scene has no light: a studio is used, a soft dome and a key light (docs/LIGHT.md); give it a \
-                 --sun, a --sky or an --environment"
-                    .to_owned(),
-            );
-        }
-        let moving = self.scene.moving_parts().iter().filter(|m| **m).count();
-        if moving > 0 {
-            remarks.push(if options.leave_out_moving {
-                format!("{moving} parts are moved by animations: they get no light and stand in nobody's way")
-            } else {
-                format!("{moving} parts are moved by animations: they are baked where they stand; --moving leave-out leaves them out")
-            });
-        }
-        remarks
+    ///
+    /// - `moving`: what became of the scene's moving parts
+    pub fn remarks(&self, moving: &MovingParts) -> Vec<String> {
+        let studio = "the scene has no light: a studio is used, a soft dome and a key light (docs/LIGHT.md); give it a \
+                      --sun, a --sky or an --environment";
+        self.is_studio.then(|| studio.to_owned()).into_iter().chain(moving.remark(&self.scene)).collect()
     }
 }
 

@@ -99,8 +99,8 @@ impl<'a> Surface<'a> {
     /// Welds what gets light into the light mesh, and gathers what stands in its way.
     ///
     /// # Errors
-    /// [`BakeError::NothingToBake`] when no triangle that gets light has an area, [`BakeError::Mesh`] for a scene
-    /// beyond 32 bits.
+    /// [`BakeError::NothingToBake`] when no triangle has an area, [`BakeError::AllLeftOut`] when none of those gets
+    /// light, [`BakeError::Mesh`] for a scene beyond 32 bits.
     pub fn with(scene: &'a Scene, file: &str, cast: Cast<'a>) -> Result<Self, BakeError> {
         let chosen = |list: &[bool], part: usize| list.get(part).copied().unwrap_or(true);
         let receives = |part| chosen(&cast.receives, part) && scene.roles(part).receives;
@@ -127,7 +127,13 @@ impl<'a> Surface<'a> {
         })?
         .mesh;
         if !mesh.triangle_ids().any(|t| mesh.area(t) > 0.0) {
-            return Err(BakeError::NothingToBake { file: file.to_owned() });
+            let file = file.to_owned();
+            let has_area = scene.parts.iter().any(|part| part.area() > 0.0);
+            return Err(if has_area {
+                BakeError::AllLeftOut { file }
+            } else {
+                BakeError::NothingToBake { file }
+            });
         }
         let mut others = Vec::new();
         let dark =

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use lightkiln_bake::lighting::{AreaLight, GroundLevel, LightOptions, Sun};
+use lightkiln_bake::moving::Moving;
 use serde::{Deserialize, Serialize};
 
 /// The light, and what it meets.
@@ -61,7 +62,7 @@ pub struct LightSettings {
     /// Nodes that get no light
     #[arg(long, value_name = "PATTERN")]
     pub exclude: Vec<String>,
-    /// What becomes of parts that animations move [default: keep]
+    /// What becomes of parts that animations move [default: auto]
     #[arg(long, value_enum)]
     pub moving: Option<MovingName>,
     /// Which variant of the materials light meets (KHR_materials_variants)
@@ -86,10 +87,22 @@ pub enum GlassName {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MovingName {
+    /// They are left out, unless they are more than half of the area that gets light
+    Auto,
     /// They are baked where they stand
     Keep,
     /// They get no light and stand in nobody's way
     LeaveOut,
+}
+
+impl From<MovingName> for Moving {
+    fn from(name: MovingName) -> Self {
+        match name {
+            MovingName::Auto => Self::Auto,
+            MovingName::Keep => Self::Keep,
+            MovingName::LeaveOut => Self::LeaveOut,
+        }
+    }
 }
 
 fn sky(text: &str) -> Result<[f32; 3], String> {
@@ -149,7 +162,7 @@ impl LightSettings {
             occluders: self.occluders.clone(),
             include: self.include.clone(),
             exclude: self.exclude.clone(),
-            leave_out_moving: self.moving == Some(MovingName::LeaveOut),
+            moving: self.moving.map_or(Moving::Auto, Into::into),
             variant: self.variant.clone(),
             // An option of its own, which is no matter of rays.
             authored_occlusion: None,

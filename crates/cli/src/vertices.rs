@@ -9,6 +9,7 @@ use lightkiln_bake::compare::{
     CompareOptions, Comparison, Gathered, Outside, Row, Tried, Way, compare, try_all,
 };
 use lightkiln_bake::lighting::LightOptions;
+use lightkiln_bake::moving::Moving;
 use lightkiln_bake::signals::{SIGNALS, SignalChoice, Signals};
 use lightkiln_bake::{BakeError, BakeOptions, Clock, Plan, Scenery, Surface};
 use lightkiln_fit::{Mass, Method, Regularizer};
@@ -211,7 +212,7 @@ impl Sampling {
     ) -> Result<R, Failure> {
         clock.stage("read");
         let signals = Signals(vec![self.signal.clone()]);
-        let light = LightOptions::default();
+        let light = LightOptions { moving: Moving::Keep, ..LightOptions::default() };
         let scenery = Scenery::read(&self.file, self.scene, &signals, &light)?;
         let surface = scenery.surface(&lightkiln_bake::file_name(&self.file), &light)?;
         let options = BakeOptions {

@@ -11,6 +11,7 @@
 //! | `container`, `uri`, `document` | GLB chunks, files and data URIs, views into the JSON |
 //! | `accessor`, `meshopt`, `draco` | elements of buffers, compressed or not |
 //! | `nodes`, `instances`, `pose` | the node graph, GPU instances, skins and morph targets at rest |
+//! | `animation` | what moves |
 //! | `geometry`, `lookup` | pools of vertices as triangles; texture coordinates and vertex colors |
 //! | `material`, `images`, `variants` | materials with their images |
 //! | `surface` | what a point reflects, emits and lets through |
@@ -29,6 +30,7 @@
 //! | `assemble`, `garbage`, `output` | the buffer, what is dropped from it, and files that appear whole |
 
 mod accessor;
+mod animation;
 mod assemble;
 mod baked;
 mod cameras;

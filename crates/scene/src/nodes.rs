@@ -3,6 +3,7 @@
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::Value;
 
+use crate::animation::animated_nodes;
 use crate::document::{Document, extension, index, list, name, numbers, whole};
 use crate::error::{Place, SceneError, Warnings, reference, value};
 
@@ -17,8 +18,6 @@ pub(crate) struct Nodes {
     pub parent: Vec<Option<usize>>,
     /// Whether an animation moves the node or one above, per node.
     pub moves: Vec<bool>,
-    /// Whether an animation morphs the node's mesh, per node.
-    pub morphs: Vec<bool>,
 }
 
 /// The place of a node.
@@ -102,20 +101,11 @@ impl Nodes {
             visited.push(node);
             stack.extend(below[node].iter().rev());
         }
-        let [mut moves, morphs] = animated(document);
+        let mut moves = animated_nodes(document);
         for node in order {
             moves[node] |= parent[node].is_some_and(|p| moves[p]);
         }
-        let moving: Vec<usize> = visited
-            .iter()
-            .copied()
-            .filter(|&n| (moves[n] || morphs[n]) && nodes[n].get("mesh").is_some())
-            .collect();
-        if let Some(&node) = moving.first() {
-            let message = "animated nodes are baked where they stand";
-            warnings.add(message, moving.len(), place_of(document, node));
-        }
-        Ok(Self { world, visited, parent, moves, morphs })
+        Ok(Self { world, visited, parent, moves })
     }
 }
 
@@ -161,37 +151,4 @@ pub(crate) fn transform(translation: DVec3, rotation: DQuat, scale: DVec3) -> DM
     let length = rotation.length();
     let rotation = if length > 0.0 && length.is_finite() { rotation / length } else { DQuat::IDENTITY };
     DMat4::from_scale_rotation_translation(scale, rotation, translation)
-}
-
-/// Nodes whose transform an animation changes, and nodes whose morph weights one changes.
-fn animated(document: &Document) -> [Vec<bool>; 2] {
-    let count = document.list("nodes").len();
-    let mut out = [vec![false; count], vec![false; count]];
-    for animation in document.list("animations") {
-        for channel in list(animation, "channels") {
-            let Some(target) = channel.get("target") else { continue };
-            let (node, path) = match extension(target, "KHR_animation_pointer") {
-                // "/nodes/3/translation"
-                Some(pointer) => {
-                    let text = pointer.get("pointer").and_then(Value::as_str).unwrap_or("");
-                    let mut steps = text.strip_prefix("/nodes/").unwrap_or("").split('/');
-                    let node = steps.next().and_then(|n| n.parse().ok());
-                    (node, steps.next().unwrap_or(""))
-                }
-                None => (
-                    target.get("node").and_then(whole),
-                    target.get("path").and_then(Value::as_str).unwrap_or(""),
-                ),
-            };
-            let changed = match path {
-                "weights" => 1,
-                "translation" | "rotation" | "scale" | "matrix" => 0,
-                _ => continue,
-            };
-            if let Some(flag) = node.and_then(|n: u64| out[changed].get_mut(n as usize)) {
-                *flag = true;
-            }
-        }
-    }
-    out
 }

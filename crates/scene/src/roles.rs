@@ -137,8 +137,8 @@ impl Scene {
         self.sources[part].roles[self.parts[part].triangle_primitives[triangle] as usize]
     }
 
-    /// Whether a part moves, per part: an animation moves its node or a node above, bends its skin, or morphs it.
-    /// It is read where it stands.
+    /// Whether a part moves, per part: an animation takes its node or a node above away from where it stands in the
+    /// file, or a joint of its skin. It is read where it stands. Parts that are morphed stay in place and do not count.
     pub fn moving_parts(&self) -> Vec<bool> {
         self.sources.iter().map(|s| s.moves).collect()
     }

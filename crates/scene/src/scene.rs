@@ -97,6 +97,13 @@ pub struct Part {
     pub primitive_materials: Vec<Option<usize>>,
 }
 
+impl Part {
+    /// The area of all its triangles, in squared units of the file.
+    pub fn area(&self) -> f64 {
+        self.triangles.iter().map(|&corners| 0.5 * area_vector(&self.positions, corners).length()).sum()
+    }
+}
+
 /// What lies behind a part in the file.
 #[derive(Clone, Debug)]
 pub(crate) struct PartSource {
@@ -294,7 +301,7 @@ impl Reader<'_> {
             }
             None => None,
         };
-        let moves = skin.as_ref().map_or(self.nodes.moves[node], |s| s.moves) || self.nodes.morphs[node];
+        let moves = skin.as_ref().map_or(self.nodes.moves[node], |s| s.moves);
         for (instance, world) in placements(self.document, json, self.nodes.world[node])? {
             for pool in pools.iter() {
                 self.triangles += pool.corners.len();

@@ -123,7 +123,7 @@ fn light_of_the_lamp_is_read() {
 }
 
 #[test]
-fn moving_parts_follow_nodes_skins_and_morphs() {
+fn moving_parts_follow_nodes_and_skins() {
     let mut g = rich();
     // The animation moves node 1, which stands below node 0; node 0 has a skin, and node 4 stands still.
     let moving = |g: &Gltf| {
@@ -138,15 +138,59 @@ fn moving_parts_follow_nodes_skins_and_morphs() {
     assert_eq!(moving(&g), [(0, false), (1, true), (4, false), (4, false)]);
     set(&mut g, json!({"node": 2, "path": "rotation"}));
     assert_eq!(moving(&g), [(0, true), (1, false), (4, false), (4, false)]);
-    set(&mut g, json!({"node": 4, "path": "weights"}));
-    assert_eq!(moving(&g), [(0, false), (1, false), (4, true), (4, true)]);
     let pointer =
         |p: &str| json!({"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": p}}});
     set(&mut g, pointer("/nodes/4/scale"));
     assert_eq!(moving(&g), [(0, false), (1, false), (4, true), (4, true)]);
+    set(&mut g, json!({"node": 4, "path": "weights"}));
+    assert!(moving(&g).iter().all(|(_, m)| !m));
     for nothing in ["/materials/0/alphaCutoff", "/nodes/99/scale", "/nodes/x/scale", "", "/nodes/4"] {
         set(&mut g, pointer(nothing));
         assert!(moving(&g).iter().all(|(_, m)| !m), "{nothing}");
+    }
+}
+
+#[test]
+fn moving_parts_are_not_those_whose_channels_repeat_the_rest_pose() {
+    let turn = [0.0, 0.6, 0.0, 0.8_f32];
+    let back = turn.map(|v| -v);
+    let near = [0.0, 0.6004, 0.0, 0.7997];
+    let at = [1.0, 20.0, -3.0_f32];
+    let moves = |path: &str, interpolation: &str, keys: &[&[f32]]| {
+        let mut g = rich();
+        g.json["nodes"][1] = json!({"mesh": 0, "translation": at, "rotation": turn});
+        let kind = if path == "rotation" { "VEC4" } else { "VEC3" };
+        let output = g.floats(kind, &keys.concat());
+        let sampler = &mut g.json["animations"][0]["samplers"][0];
+        (sampler["output"], sampler["interpolation"]) = (output.into(), interpolation.into());
+        g.json["animations"][0]["channels"][0]["target"] = json!({"node": 1, "path": path});
+        let scene = g.read().unwrap();
+        assert!(scene.warnings.iter().all(|w| !w.message.contains("animated")), "{:?}", scene.warnings);
+        scene.parts.iter().zip(scene.moving_parts()).any(|(p, moves)| p.node == 1 && moves)
+    };
+    let none = [0.0; 3];
+    assert!(!moves("translation", "LINEAR", &[&at, &[1.0, 20.0001, -3.0]]));
+    assert!(!moves("translation", "STEP", &[&at]));
+    assert!(!moves("translation", "CUBICSPLINE", &[&none, &at, &none, &none, &at, &none]));
+    assert!(!moves("rotation", "LINEAR", &[&turn, &back, &near]));
+    assert!(!moves("scale", "LINEAR", &[&[1.0; 3]]));
+
+    assert!(moves("translation", "LINEAR", &[&at, &[1.0, 20.01, -3.0]]));
+    assert!(moves("translation", "LINEAR", &[&none]));
+    assert!(moves("translation", "CUBICSPLINE", &[&none, &at, &[0.0, 1.0, 0.0], &none, &at, &none]));
+    assert!(moves("rotation", "LINEAR", &[&turn, &[0.0, 0.0, 0.0, 1.0]]));
+    assert!(moves("scale", "LINEAR", &[&[1.0; 3], &[1.0, 1.0, -1.0]]));
+    assert!(moves("translation", "LINEAR", &[&[1.0, f32::NAN, 0.0]]));
+}
+
+#[test]
+fn moving_parts_are_those_whose_channels_cannot_be_read() {
+    for broken in [json!(null), json!(99), json!("first")] {
+        let mut g = rich();
+        g.json["animations"][0]["samplers"][0]["output"] = broken.clone();
+        let scene = g.read().unwrap();
+        let moving = scene.parts.iter().zip(scene.moving_parts()).filter(|(_, m)| *m);
+        assert_eq!(moving.map(|(p, _)| p.node).collect::<Vec<_>>(), [1], "{broken}");
     }
 }
 
