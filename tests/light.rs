@@ -5,28 +5,13 @@ mod harness;
 
 use std::path::Path;
 
-use harness::{Folder, bake, command, data, draft, fail, glb, glb_parts, lightkiln, succeed};
-use lightkiln_bake::{FileLight, Surface};
-use lightkiln_mesh::SurfacePoint;
-use lightkiln_scene::{ReadOptions, Scene};
+use harness::shown::mean;
+use harness::{Folder, bake, command, data, draft, fail, glb, glb_parts, lightkiln, verify};
 use serde_json::{Value, json};
 
 /// What the file shows in the middle of every triangle, in the unit of each channel.
 fn shown(path: &Path) -> Vec<Vec<f32>> {
-    let scene = Scene::read(path, &ReadOptions::default()).unwrap();
-    let surface = Surface::new(&scene, "out.glb").unwrap();
-    let light = FileLight::read(&surface, "out.glb").unwrap();
-    let views = light.views().unwrap();
-    let middle = |triangle| {
-        let mut units = vec![0.0; light.layers.channels()];
-        light.show(&views, SurfacePoint { triangle, barycentric: [1.0 / 3.0; 2] }, &mut units);
-        units.iter().enumerate().map(|(channel, &unit)| light.layers.from_unit(channel, unit)).collect()
-    };
-    surface.mesh.triangle_ids().map(middle).collect()
-}
-
-fn mean(values: impl Iterator<Item = f32> + Clone) -> f32 {
-    values.clone().sum::<f32>() / values.count() as f32
+    harness::shown::shown(path).into_iter().map(|point| point.values).collect()
 }
 
 /// Bakes and expects the bound to be kept.
@@ -35,14 +20,6 @@ fn kept(input: &Path, output: &Path, extra: &[&str]) -> Value {
     let bound = &report["errors"]["bound"];
     assert_eq!(bound["samplesBeyond"], 0, "{bound}");
     report
-}
-
-/// Bakes, expects an error and that nothing is left behind; gives back the message.
-fn refused(folder: &Folder, code: i32, input: &Path, extra: &[&str]) -> String {
-    let before = folder.names();
-    let said = fail(code, draft(input, &folder.path("out.glb"), extra));
-    assert_eq!(folder.names(), before, "something was left behind");
-    said
 }
 
 /// A Radiance file of 4 x 2 texels of one color.
@@ -134,13 +111,7 @@ fn light_is_less_behind_occluders_and_absent_where_it_is_excluded() {
     for node in nodes.iter().filter(|n| n.get("mesh").is_some()) {
         assert_eq!(lit(node), node["name"] != "tall_box", "{node}");
     }
-    succeed([
-        "verify".as_ref(),
-        without.as_os_str(),
-        "--points".as_ref(),
-        "500".as_ref(),
-        "--quiet".as_ref(),
-    ]);
+    verify(&without);
 }
 
 #[test]
@@ -156,7 +127,7 @@ fn light_of_textures_is_encoded_anew_and_takes_their_place() {
     let (out, plain) = (folder.path("out.glb"), folder.path("plain.glb"));
     let report = kept(&input, &plain, &["--signal", "occlusion"]);
     assert_eq!((&report["rays"]["sampleRays"], &report["errors"]["raysPerPoint"]), (&json!(0), &json!(0)));
-    succeed(["verify".as_ref(), plain.as_os_str(), "--points".as_ref(), "500".as_ref(), "--quiet".as_ref()]);
+    verify(&plain);
     kept(&input, &out, &["--signal", "occlusion", "--replace"]);
     let (json, _) = glb_parts(&std::fs::read(&out).unwrap());
     assert!(!json["materials"].to_string().contains("occlusionTexture"));
@@ -178,30 +149,4 @@ fn light_of_tables_is_that_of_packed_colors_within_the_bound() {
     let apart = |(a, b): (&f32, &f32)| (a - b).abs() / (a + 100.0);
     let worst = values[0].iter().flatten().zip(values[1].iter().flatten()).map(apart).fold(0.0, f32::max);
     assert!(worst < 0.12, "{worst}");
-}
-
-#[test]
-fn light_that_makes_no_sense_is_refused() {
-    let folder = Folder::new("senseless");
-    let scene = data("cornell.glb");
-    let black = sky(&folder, "black.hdr", [0, 0, 0, 0]);
-    let broken = folder.write("broken.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\nabc");
-    let config = folder.write("nan.toml", "signal = \"lightmap\"\n[light]\nsky = [1.0, nan, 1.0]\n");
-    let area = folder.write(
-        "area.toml",
-        "[[light.area-lights]]\nshape = \"disk\"\nposition = [0, 1, 0]\ndirection = [0, 0, 0]\nradius = 1\nradiance = [1, 1, 1]\n",
-    );
-    let path = |path: &Path| path.to_str().unwrap().to_owned();
-    let of = |code, extra: &[&str]| refused(&folder, code, &scene, extra);
-    assert!(of(2, &["--signal", "lightmap", "--environment", "nowhere.hdr"]).contains("nowhere.hdr"));
-    assert!(of(3, &["--signal", "lightmap", "--environment", &path(&black)]).contains("black.hdr"));
-    of(3, &["--signal", "lightmap", "--environment", &path(&broken)]);
-    assert!(of(1, &["--config", &path(&config)]).contains("--sky"));
-    of(1, &["--signal", "lightmap", "--sky", "5", "--environment", &path(&black)]);
-    assert!(of(1, &["--exclude", "nobody*"]).contains("nobody*"));
-    assert!(of(1, &["--variant", "gold"]).contains("gold"));
-    assert!(of(3, &["--signal", "shadow"]).contains("--sun"));
-    of(1, &["--signal", "lightmap", "--sun", "10"]);
-    of(1, &["--signal", "candles"]);
-    of(3, &["--signal", "direct", "--config", &path(&area)]);
 }

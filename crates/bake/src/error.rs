@@ -72,6 +72,14 @@ pub enum BakeError {
     /// Rays, or lights that make no sense.
     #[error(transparent)]
     Light(#[from] lightkiln_light::LightError),
+    /// An area light has a number that makes no sense.
+    #[error("area light {number}, counted from 0: bad {what}")]
+    AreaLight {
+        /// Which of the area lights.
+        number: usize,
+        /// What of it.
+        what: &'static str,
+    },
     /// An image of the surroundings makes no sense.
     #[error("{path}: {source}", path = path.display())]
     Environment {
@@ -123,6 +131,9 @@ impl BakeError {
             Self::Profile { remedy, .. } => Some((*remedy).to_owned()),
             Self::Light(_) => {
                 Some("mend the light that is named, in the file or in the configuration".into())
+            }
+            Self::AreaLight { .. } => {
+                Some("mend it in the configuration file, under [[light.area-lights]]".into())
             }
             Self::Environment { .. } => Some("choose an image that shines, with finite values".into()),
             Self::Sample(_) => Some("ask for a larger --detail or fewer --samples".into()),

@@ -261,7 +261,7 @@ impl LightOptions {
     /// The lights of a scene and of these options, without its shining surfaces.
     ///
     /// # Errors
-    /// [`BakeError::Option`] for numbers out of their range, [`BakeError::Scene`] for an environment that cannot be
+    /// [`BakeError::Option`] and [`BakeError::AreaLight`] for numbers out of their range, [`BakeError::Scene`] for an environment that cannot be
     /// read, [`BakeError::Environment`] for one that has no light, [`BakeError::Light`] for other light that makes no sense.
     pub fn lighting(&self, scene: &Scene) -> Result<Lighting, BakeError> {
         self.check()?;
@@ -388,6 +388,11 @@ impl LightOptions {
             check("--sun", Some(sun.angle), "between 0 and 85 degrees in radius", |v| {
                 (0.0..=85.0).contains(&v)
             })?;
+        }
+        for (number, light) in self.area_lights.iter().enumerate() {
+            if let Some(what) = light.light().fault() {
+                return Err(BakeError::AreaLight { number, what });
+            }
         }
         if self.environment.is_some() && self.sky.is_some() {
             return Err(BakeError::Option {

@@ -192,7 +192,10 @@ fn peak_memory_bytes() -> Option<u64> {
 impl From<BakeError> for Failure {
     fn from(error: BakeError) -> Self {
         let exit = match &error {
-            BakeError::Option { .. } | BakeError::Profile { .. } | BakeError::AllLeftOut { .. } => Exit::Usage,
+            BakeError::Option { .. }
+            | BakeError::Profile { .. }
+            | BakeError::AreaLight { .. }
+            | BakeError::AllLeftOut { .. } => Exit::Usage,
             BakeError::Write { .. } => Exit::Files,
             BakeError::Scene(scene) => match scene.kind() {
                 lightkiln_scene::ErrorKind::Files => Exit::Files,

@@ -126,7 +126,7 @@ impl Light {
     }
 
     /// The first number that makes no sense.
-    pub(crate) fn fault(&self) -> Option<&'static str> {
+    pub fn fault(&self) -> Option<&'static str> {
         let color = |c: Vec3| c.is_finite() && c.min_element() >= 0.0;
         let axis = |d: Vec3| d.is_finite() && d.as_dvec3().length_squared() > 0.0;
         let range = |r: f32| r > 0.0;

@@ -144,7 +144,7 @@ pub enum SceneError {
     #[error("variant \"{name}\" was asked for, but the file has {}", listed(names))]
     NoVariant { name: String, names: Vec<String>, place: Box<Place> },
     /// A pattern that matches no part.
-    #[error("no node with triangles, and no node above one, is called {pattern}")]
+    #[error("no node with triangles, and no node above one, is called {pattern:?}")]
     NoMatch { pattern: String, place: Box<Place> },
     /// An environment that is no image, or none that is read.
     #[error("not an environment map: {reason}")]
