@@ -13,6 +13,7 @@
 #   make test-scenes SCENES_DIR=...                 opens every one of them in three.js, Babylon.js and `view`
 #   make viewer     npm ci of viewer/                make test-viewer  its tests, in headless Chromium
 #   make sheets     the picture sheets of docs/       make figures  the charts of docs/
+#   make faults     the pictures of docs/FAULTS.md
 #   make peers      irradiance against another path tracer, which PEERS_PYTHON has: see tests/peers
 
 CARGO ?= cargo
@@ -29,7 +30,7 @@ BAKED = $(SCENES:data/%.glb=out/%.baked.glb)
 SCENES_DIR ?= ../shared/scenes
 BAKED_SCENES = $(patsubst $(SCENES_DIR)/%,out/scenes/%,$(wildcard $(SCENES_DIR)/*.glb))
 
-.PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets figures clean
+.PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets faults figures clean
 .PHONY: viewer test-viewer test-view test-scenes test-gpu test-gpu-web browser-deps test-build validator validate validate-scenes peers
 .DELETE_ON_ERROR:
 
@@ -144,6 +145,9 @@ validate-scenes: $(BAKED_SCENES) validator
 sheets: build
 	docs/sheets.sh
 	docs/light_sheets.sh
+
+faults: build
+	docs/faults.sh
 
 # Also prints the tables of docs/HALF_BOX.md.
 figures: build

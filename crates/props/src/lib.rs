@@ -9,6 +9,7 @@
 //! | [`shapes`] | patches, panels with hems, lathes, tubes, boxes, cushions |
 //! | [`small`] | scenes of a few triangles, each for one feature |
 //! | [`lit`] | scenes with light of their own |
+//! | [`faults`] | one for each way in which light goes wrong |
 //! | [`house`] | a cottage in its garden |
 //! | [`seat`] | an upholstered car seat |
 //! | [`car`] | a car of many panels |
@@ -16,6 +17,7 @@
 //! | [`glb`] | the container and its JSON |
 
 pub mod car;
+pub mod faults;
 pub mod glb;
 pub mod house;
 pub mod lit;
@@ -269,6 +271,70 @@ pub const RECIPES: &[Recipe] = &[
         default_size: 32,
         sizes: (1, 2048),
         make: |size, _| Ok(lit::punctual(size)),
+    },
+    Recipe {
+        name: "fault_back_faces",
+        about: "a double-sided ball with its fronts inside, beside one as it should be",
+        size_is: "",
+        default_size: 0,
+        sizes: (0, 0),
+        make: |_, _| Ok(faults::back_faces()),
+    },
+    Recipe {
+        name: "fault_inside",
+        about: "a leg sunk into a slab, one of whose vertices lies inside it",
+        size_is: "",
+        default_size: 0,
+        sizes: (0, 0),
+        make: |_, _| Ok(faults::inside()),
+    },
+    Recipe {
+        name: "fault_terminator",
+        about: "smooth balls of few triangles under a sun from the side",
+        size_is: "",
+        default_size: 0,
+        sizes: (0, 0),
+        make: |_, _| Ok(faults::terminator()),
+    },
+    Recipe {
+        name: "fault_contact",
+        about: "cubes that stand on a floor, a hair above it and a hair below",
+        size_is: "",
+        default_size: 0,
+        sizes: (0, 0),
+        make: |_, _| Ok(faults::contact()),
+    },
+    Recipe {
+        name: "fault_thin_wall",
+        about: "a wall of two millimetres on a floor that runs through below it",
+        size_is: "",
+        default_size: 0,
+        sizes: (0, 0),
+        make: |_, _| Ok(faults::thin_wall()),
+    },
+    Recipe {
+        name: "fault_coincident",
+        about: "faces in one place: in a floor, of boxes that run through each other, back to back",
+        size_is: "",
+        default_size: 0,
+        sizes: (0, 0),
+        make: |_, _| Ok(faults::coincident()),
+    },
+    Recipe {
+        name: "fault_mirrored",
+        about: "a part and its image in a node that mirrors",
+        size_is: "",
+        default_size: 0,
+        sizes: (0, 0),
+        make: |_, _| Ok(faults::mirrored()),
+    },
+    Recipe {
+        name: "fault_open_shell",
+        about: "half balls of one sheet, with fronts inside and outside",
+        size_is: "",
+        default_size: 0,
+        sizes: (0, 0),
+        make: |_, _| Ok(faults::open_shell()),
     },
 ];
 

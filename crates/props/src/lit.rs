@@ -8,21 +8,21 @@ use crate::model::{Assembly, Light, LightKind, Material, NodeId, Place, Surface}
 use crate::shapes::{Detail, cuboid, lathe, quad, rectangle, rounded_box, wall};
 use crate::{car, seat};
 
-const WHITE: [f32; 3] = [0.7; 3];
+pub(crate) const WHITE: [f32; 3] = [0.7; 3];
 
 /// A sun of `lux`, shining from `from` towards the origin.
-fn sun(scene: &mut Assembly, lux: f32, from: Vec3) {
+pub(crate) fn sun(scene: &mut Assembly, lux: f32, from: Vec3) {
     let light = Light { name: "sun", color: [1.0; 3], intensity: lux, kind: LightKind::Sun };
     scene.light(light, Place::aimed(from, Vec3::ZERO));
 }
 
-fn floor(size: f64, steps: usize) -> Surface {
+pub(crate) fn floor(size: f64, steps: usize) -> Surface {
     let corner = DVec3::new(-0.5 * size, 0.0, -0.5 * size);
     rectangle(corner, DVec3::Z * size, DVec3::X * size, [steps; 2])
 }
 
 /// A ball, `steps` edges along an eighth of its equator.
-fn ball(radius: f64, steps: usize) -> Surface {
+pub(crate) fn ball(radius: f64, steps: usize) -> Surface {
     let detail = Detail { per_metre: steps as f64 / (FRAC_PI_4 * radius), only_count: false };
     // Nothing is left between the rounded edges of this box.
     rounded_box(&detail, DVec3::splat(radius), radius, steps)

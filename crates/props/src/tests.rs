@@ -182,6 +182,19 @@ fn lit_scenes_are_sound() {
 }
 
 #[test]
+fn scenes_of_faults_are_sound_but_for_their_fault() {
+    let faults: Vec<_> = RECIPES.iter().filter(|r| r.name.starts_with("fault_")).collect();
+    assert_eq!(faults.len(), 8);
+    for recipe in faults {
+        let scene = recipe.assembly(None, Diagonal::Corner).unwrap();
+        assert_scene_is_sound(&scene);
+        assert_eq!(scene_lights(&scene), ["Sun"], "{}", recipe.name);
+    }
+    let half = &faults::open_shell().meshes[1].primitives[0].0;
+    assert!(!is_closed(half) && half.positions.iter().all(|p| p.y < 1e-6));
+}
+
+#[test]
 fn walls_with_openings_are_closed() {
     let shape = wall(&DETAIL, [3.0, 2.0], 0.2, &[[0.5, 0.0, 1.2, 1.5], [1.7, 0.6, 2.4, 1.5]]);
     assert_sound(&shape, "wall");
