@@ -14,6 +14,8 @@
 #   make viewer     npm ci of viewer/                make test-viewer  its tests, in headless Chromium
 #   make sheets     the picture sheets of docs/       make figures  the charts of docs/
 #   make faults     the pictures of docs/FAULTS.md
+#   make frame-times, make instructions              what light costs on a GPU
+#   make side-by-side   pictures of the CPU, three.js and Babylon.js compared
 #   make peers      irradiance against another path tracer, which PEERS_PYTHON has: see tests/peers
 
 CARGO ?= cargo
@@ -31,7 +33,8 @@ SCENES_DIR ?= ../shared/scenes
 BAKED_SCENES = $(patsubst $(SCENES_DIR)/%,out/scenes/%,$(wildcard $(SCENES_DIR)/*.glb))
 
 .PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets faults figures clean
-.PHONY: viewer test-viewer test-view test-scenes test-gpu test-gpu-web browser-deps test-build validator validate validate-scenes peers
+.PHONY: viewer test-viewer test-view test-scenes test-gpu test-gpu-web browser-deps
+.PHONY: frame-times instructions side-by-side test-build validator validate validate-scenes peers
 .DELETE_ON_ERROR:
 
 build:
@@ -65,6 +68,31 @@ ifeq ($(BAKED_SCENES),)
 else
 	LIGHTKILN_FILES=$(CURDIR)/out/scenes node --test --test-reporter=spec viewer/scenes/
 endif
+
+# What light costs to show: frame times, and instructions of the shaders. The tables of docs/COST.md.
+COSTLY = $(filter %/lamborghini_huracan.glb %/flight_helmet.glb %/dream_apartment.glb,$(BAKED_SCENES)) \
+  out/big/car_100k.baked.glb
+
+frame-times: $(COSTLY) viewer
+	node viewer/scenes/frame-times.mjs $(COSTLY)
+
+data/big/car_100k.glb: | build
+	@mkdir -p $(@D)
+	$(PROPS) car --size 100000 -o $@
+
+# A Python with the package vulkan; on Debian, glslang-tools and mesa-vulkan-drivers.
+COST_PYTHON ?= python3
+instructions:
+	$(COST_PYTHON) tests/gpu/instructions.py navi21 polaris10
+
+# The light of real scenes on the CPU, in three.js and in Babylon.js: the table and the picture of docs/VIEWERS.md.
+# FLIP_PYTHON names a Python with the package flip-evaluator.
+BESIDE = $(filter %/lamborghini_huracan.glb %/flight_helmet.glb %/toy_car.glb %/sheen_chair.glb,$(BAKED_SCENES)) \
+  out/cornell_light.baked.glb
+
+side-by-side: $(BESIDE) build viewer
+	node viewer/scenes/side-by-side.mjs out/side_by_side $(foreach f,$(BESIDE),$(basename $(basename $(notdir $f)))=$f)
+	cp out/side_by_side/contact.png docs/figures/side_by_side.png
 
 # Builds what `test` runs, and with it the program.
 test-build:
@@ -105,7 +133,7 @@ scenes: build
 bake: $(BAKED)
 
 out/%.baked.glb: data/%.glb | build
-	@mkdir -p out
+	@mkdir -p $(@D)
 	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --report out/$*.json --depfile out/$*.d
 
 -include $(wildcard out/*.d)
@@ -129,6 +157,9 @@ test-viewer: bake viewer out/contact_signals.baked.glb out/cornell_box_light.bak
 
 out/contact_signals.baked.glb: data/contact.glb | build
 	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --signal ao+bent-normal+shadow:1,3,2,0.3
+
+out/cornell_light.baked.glb: data/cornell.glb | build
+	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --signal lightmap
 
 out/cornell_box_light.baked.glb: data/cornell_box.glb | build
 	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --signal lightmap

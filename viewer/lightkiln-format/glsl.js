@@ -83,9 +83,9 @@ ${uniforms.join('')}
 // The level is given: the lookup stands inside of a branch, and coarser levels would mix charts.
 highp vec3 lightkilnLookup(highp sampler2DArray atlas) {
   highp vec3 size = vec3(textureSize(atlas, 0));
-  highp vec2 place = vLightkilnPlace.xy / vLightkilnPlace.z;
-  highp float page = clamp(floor(place.y / size.y), 0.0, size.z - 1.0);
-  return textureLod(atlas, vec3(place.x / size.x, (place.y - page * size.y) / size.y, page), 0.0).rgb;
+  highp vec2 uv = vLightkilnPlace.xy / (vLightkilnPlace.z * size.xy);
+  highp float page = clamp(floor(uv.y), 0.0, size.z - 1.0);
+  return textureLod(atlas, vec3(uv.x, uv.y - page, page), 0.0).rgb;
 }
 highp vec3 lightkilnUndo(highp vec3 unit, highp vec3 scale) {
   highp vec3 p = scale.x + unit * scale.y;

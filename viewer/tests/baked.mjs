@@ -7,7 +7,7 @@ import { EXTENSION } from 'lightkiln-format'
 import { readGlb } from './glb.mjs'
 import { addLayer } from './layers.mjs'
 
-const FOLDER = process.env.LIGHTKILN_FILES ?? fileURLToPath(new URL('../../out', import.meta.url))
+export const FOLDER = process.env.LIGHTKILN_FILES ?? fileURLToPath(new URL('../../out', import.meta.url))
 
 export const bakedFiles = readdirSync(FOLDER)
   .filter((name) => name.endsWith('.glb') && readFileSync(join(FOLDER, name)).includes(EXTENSION))

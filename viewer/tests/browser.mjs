@@ -37,6 +37,8 @@ export async function startBrowser({ root = VIEWER, flags = [] } = {}) {
   /** A page of this server or of another one, once it says that it is `ready`, with everything that it complained about in `complaints`. */
   async function open(path, viewport = { width: 256, height: 256 }, ready = () => globalThis.ready === true) {
     const page = await browser.newPage({ viewport })
+    // Engines are hundreds of modules, and machines may be busy.
+    page.setDefaultTimeout(180_000)
     const complaints = []
     page.on('console', (message) => {
       if (['error', 'warning'].includes(message.type())) complaints.push(message.text())

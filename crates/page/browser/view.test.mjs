@@ -1,5 +1,5 @@
 // `lightkiln view` in a headless browser: what it shows against the program's own pictures, and that all of it works.
-// LIGHTKILN names the program; SCENES_DIR a folder of more scenes.
+// LIGHTKILN names the program. Real scenes are opened by viewer/scenes/open.test.mjs.
 
 import assert from 'node:assert/strict'
 import { execFileSync, spawn } from 'node:child_process'
@@ -13,7 +13,6 @@ import { createRequire } from 'node:module'
 
 const ROOT = fileURLToPath(new URL('../../..', import.meta.url))
 const PROGRAM = process.env.LIGHTKILN ?? join(ROOT, 'target/release/lightkiln')
-const SCENES = process.env.SCENES_DIR ?? join(ROOT, '../shared/scenes')
 const { chromium } = createRequire(join(ROOT, 'viewer/package.json'))('playwright-core')
 
 const run = (...args) => execFileSync(PROGRAM, args, { encoding: 'utf8', stdio: ['ignore', 'pipe', 'pipe'] })
@@ -275,18 +274,6 @@ test('the server answers this machine alone, and an export is the same site', as
     }
   })
 })
-
-for (const name of existsSync(SCENES) ? readdirSync(SCENES).filter((file) => file.endsWith('.glb')) : []) {
-  test(`${name} is shown`, async () => {
-    const baked = bake(join(SCENES, name), name, '--samples', '20000', '--max-error', '0.1')
-    await view([baked], async (page) => {
-      const [shown, none] = [await shot(page, { left: 'hybrid', divider: 1 }), await shot(page, { left: 'none' })]
-      assert.ok(difference(shown, none).rmse > 0.01)
-      const grays = new Set(shown.filter((_, i) => i % 4 === 0))
-      assert.ok(grays.size > 50, `${grays.size} grays`)
-    })
-  })
-}
 
 test('the report is a page of less than 2 MB that shows itself in light, dark and on paper', async () => {
   run('bake', join(ROOT, 'data/cornell_box.glb'), '-o', file('report.glb'), '--quality', 'draft', '--quiet', '--report', file('report.html'))

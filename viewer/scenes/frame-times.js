@@ -1,0 +1,232 @@
+// Draws the same triangles with no light, with light at vertices, with a lightmap and with the shaders of shaders/, and takes
+// the times; and again as occlusion in a material of three.js. `globalThis.measure(job)` is called by frame-times.mjs.
+
+import * as THREE from 'three'
+import { RoomEnvironment } from 'three/addons/environments/RoomEnvironment.js'
+import { Light } from 'three-lightkiln'
+
+const canvas = document.querySelector('canvas')
+const gl = canvas.getContext('webgl2', { antialias: false, preserveDrawingBuffer: true })
+
+const text = async (path) => (await fetch(path)).text()
+const numbers = async (name) => (await fetch(`/files/${name}`)).arrayBuffer()
+
+const [ours, main, oursFragment, mainFragment] = await Promise.all(
+  ['lightkiln.vert.glsl', 'programs/scalar.vert.glsl', 'lightkiln.frag.glsl', 'programs/scalar.frag.glsl'].map((file) => text(`/shaders/${file}`)))
+
+/** As shaders/README.md has it for where nothing is minified, and as the packages do. */
+function withoutLevels(source) {
+  const plain = source.replace('vec3(uv, page), level)', 'vec3(uv, page), 0.0)')
+  if (plain === source) throw Error('no level to replace')
+  return plain
+}
+
+const PLAIN_VERTEX = `
+uniform mat4 u_clip_from_object;
+in vec3 a_position;
+in vec2 a_attribute;
+out vec2 v_attribute;
+void main() {
+  v_attribute = a_attribute;
+  gl_Position = u_clip_from_object * vec4(a_position, 1.0);
+}`
+const plainFragment = (declaration, light) => `
+${declaration}
+in vec2 v_attribute;
+out vec4 o_color;
+void main() {
+  o_color = vec4(vec3(${light}), 1.0);
+}`
+const LIGHTMAP = plainFragment('uniform highp sampler2D u_lightmap;', 'texture(u_lightmap, v_attribute).r')
+
+/** Each way: its mesh, vertex stage, fragment stage, and which of the textures. */
+const WAYS = {
+  nothing: { mesh: 'hybrid', vertex: PLAIN_VERTEX, fragment: plainFragment('', '1.0') },
+  vertices: { mesh: 'hybrid', vertex: PLAIN_VERTEX, fragment: plainFragment('', 'v_attribute.x / 65535.0') },
+  lightmap: { mesh: 'lightmap', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmap' },
+  hybrid: { mesh: 'hybrid', vertex: ours + main, fragment: withoutLevels(oursFragment) + mainFragment, texture: 'atlas' },
+  'lightmap, levels': { mesh: 'lightmap', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmapLevels' },
+  'hybrid, levels': { mesh: 'hybrid', vertex: ours + main, fragment: oursFragment + mainFragment, texture: 'atlasLevels' },
+}
+
+function program({ vertex, fragment }) {
+  const linked = gl.createProgram()
+  for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+    const shader = gl.createShader(kind)
+    gl.shaderSource(shader, `#version 300 es\nprecision highp float;\n${source}`)
+    gl.compileShader(shader)
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw Error(gl.getShaderInfoLog(shader))
+    gl.attachShader(linked, shader)
+  }
+  gl.bindAttribLocation(linked, 0, 'a_position')
+  gl.bindAttribLocation(linked, 1, vertex === PLAIN_VERTEX ? 'a_attribute' : 'a_lightuv')
+  gl.linkProgram(linked)
+  if (!gl.getProgramParameter(linked, gl.LINK_STATUS)) throw Error(gl.getProgramInfoLog(linked))
+  return linked
+}
+
+async function mesh(name, kind) {
+  const array = gl.createVertexArray()
+  gl.bindVertexArray(array)
+  const buffer = async (part, target) => {
+    const data = await numbers(`${name}.${part}`)
+    gl.bindBuffer(target, gl.createBuffer())
+    gl.bufferData(target, data, gl.STATIC_DRAW)
+    return data.byteLength
+  }
+  const attribute = (at, size, kind) => {
+    gl.enableVertexAttribArray(at)
+    gl.vertexAttribPointer(at, size, kind, false, 0, 0)
+  }
+  await buffer('positions', gl.ARRAY_BUFFER)
+  attribute(0, 3, gl.FLOAT)
+  await buffer('attributes', gl.ARRAY_BUFFER)
+  attribute(1, 2, kind)
+  const count = (await buffer('indices', gl.ELEMENT_ARRAY_BUFFER)) / 4
+  gl.bindVertexArray(null)
+  return { array, count }
+}
+
+function texture(target, levels, wrap, [width, height, depth], data) {
+  const made = gl.createTexture()
+  gl.bindTexture(target, made)
+  if (target === gl.TEXTURE_2D) {
+    gl.texStorage2D(target, levels, gl.R8, width, height)
+    gl.texSubImage2D(target, 0, 0, 0, width, height, gl.RED, gl.UNSIGNED_BYTE, data)
+  } else {
+    gl.texStorage3D(target, levels, gl.R8, width, height, depth)
+    gl.texSubImage3D(target, 0, 0, 0, 0, width, height, depth, gl.RED, gl.UNSIGNED_BYTE, data)
+  }
+  if (levels > 1) gl.generateMipmap(target)
+  gl.texParameteri(target, gl.TEXTURE_MIN_FILTER, levels > 1 ? gl.LINEAR_MIPMAP_LINEAR : gl.LINEAR)
+  gl.texParameteri(target, gl.TEXTURE_MAG_FILTER, gl.LINEAR)
+  for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(target, name, wrap)
+  return { target, made }
+}
+
+/** Milliseconds of `draw`, by the GPU's clock where it has one that pages may read, else until the first pixel is there. */
+async function time(gl, draw) {
+  const timer = gl.getExtension('EXT_disjoint_timer_query_webgl2')
+  const pixel = new Uint8Array(4)
+  const query = timer && gl.createQuery()
+  const start = performance.now()
+  if (timer) gl.beginQuery(timer.TIME_ELAPSED_EXT, query)
+  draw()
+  if (timer) gl.endQuery(timer.TIME_ELAPSED_EXT)
+  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel)
+  const passed = performance.now() - start
+  if (!timer) return passed
+  while (!gl.getQueryParameter(query, gl.QUERY_RESULT_AVAILABLE)) await new Promise((resolve) => setTimeout(resolve))
+  const elapsed = gl.getQueryParameter(query, gl.QUERY_RESULT) / 1e6
+  gl.deleteQuery(query)
+  return gl.getParameter(timer.GPU_DISJOINT_EXT) ? time(gl, draw) : elapsed
+}
+
+/**
+ * A MeshStandardMaterial with an environment and a lamp, dimmed by an aoMap of a lightmap or by the plugin.
+ *
+ * - returns: for each of the two, a function that draws it with a camera
+ */
+async function inMaterial(side, [width, height], pages, stack, full) {
+  const renderer = new THREE.WebGLRenderer({ antialias: false, preserveDrawingBuffer: true })
+  renderer.setSize(canvas.width, canvas.height, false)
+  const environment = new THREE.PMREMGenerator(renderer).fromScene(new RoomEnvironment()).texture
+  const linear = (texture, wrap) => Object.assign(texture, {
+    minFilter: THREE.LinearFilter, magFilter: THREE.LinearFilter, wrapS: wrap, wrapT: wrap, format: THREE.RedFormat, unpackAlignment: 1, needsUpdate: true,
+  })
+  const aoMap = linear(new THREE.DataTexture(full, side, side), THREE.RepeatWrapping)
+  aoMap.channel = 1
+  const atlas = linear(new THREE.DataArrayTexture(stack, width, height, pages), THREE.ClampToEdgeWrapping)
+  const light = new Light([{ index: 0, signal: 'ambientOcclusion', attribute: '_LIGHTUV', channels: 1, form: 'scalar', role: 'occlusion',
+    scale: { low: 0, extent: 1, white: 0 }, clamp: null, atlas, palette: null }])
+  const camera = new THREE.Camera()
+  camera.matrixWorldAutoUpdate = false
+  const drawer = async (name, attribute, Numbers, material) => {
+    const geometry = new THREE.BufferGeometry()
+    geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(await numbers(`${name}.positions`)), 3))
+    geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(await numbers(`${name}.indices`)), 1))
+    geometry.setAttribute(attribute, new THREE.BufferAttribute(new Numbers(await numbers(`${name}.attributes`)), 2))
+    geometry.computeVertexNormals()
+    const mesh = new THREE.Mesh(geometry, material)
+    mesh.frustumCulled = false
+    const scene = new THREE.Scene()
+    scene.environment = environment
+    scene.add(mesh, new THREE.DirectionalLight(0xffffff, 1))
+    light.apply(mesh)
+    return (clipFromWorld) => {
+      camera.projectionMatrix.fromArray(clipFromWorld)
+      renderer.render(scene, camera)
+    }
+  }
+  return {
+    gl: renderer.getContext(),
+    'material, lightmap': await drawer('lightmap', 'uv1', Float32Array, new THREE.MeshStandardMaterial({ roughness: 0.6, aoMap })),
+    'material, hybrid': await drawer('hybrid', '_lightuv', Uint16Array, new THREE.MeshStandardMaterial({ roughness: 0.6 })),
+  }
+}
+
+globalThis.measure = async ({ side, pageSize, pages, cameras, rounds }) => {
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1)
+  const meshes = { hybrid: await mesh('hybrid', gl.UNSIGNED_SHORT), lightmap: await mesh('lightmap', gl.FLOAT) }
+  const stack = new Uint8Array(pageSize[0] * pageSize[1] * pages)
+  for (let i = 0; i < pages; i++) stack.set(new Uint8Array(await numbers(`page.${i}`)), i * pageSize[0] * pageSize[1])
+  const full = Uint8Array.from({ length: side * side }, (_, i) => 100 + 100 * Math.sin(i / 40))
+  const levels = Math.floor(Math.log2(side)) + 1
+  const atlas = (count) => texture(gl.TEXTURE_2D_ARRAY, count, gl.CLAMP_TO_EDGE, [...pageSize, pages], stack)
+  const lightmap = (count) => texture(gl.TEXTURE_2D, count, gl.REPEAT, [side, side], full)
+  const textures = { lightmap: lightmap(1), lightmapLevels: lightmap(levels), atlas: atlas(1), atlasLevels: atlas(2) }
+  gl.viewport(0, 0, canvas.width, canvas.height)
+  gl.enable(gl.DEPTH_TEST)
+
+  const bind = (way, program) => {
+    gl.useProgram(program)
+    gl.bindVertexArray(meshes[way.mesh].array)
+    if (way.texture !== undefined) gl.bindTexture(textures[way.texture].target, textures[way.texture].made)
+    gl.uniform3f(gl.getUniformLocation(program, 'u_scale'), 0, 1, 0)
+    return gl.getUniformLocation(program, 'u_clip_from_object')
+  }
+  const drawn = (way, matrix, camera) => {
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT)
+    gl.uniformMatrix4fv(matrix, false, camera)
+    gl.drawElements(gl.TRIANGLES, meshes[way.mesh].count, gl.UNSIGNED_INT, 0)
+  }
+
+  // Pixels that read the atlas, of those that show anything.
+  const share = { ...WAYS.hybrid, fragment: 'in vec3 v_place;\nout vec4 o_color;\nvoid main() { o_color = vec4(v_place.z > 0.0 ? 1.0 : 0.5); }' }
+  const matrix = bind(share, program(share))
+  const counts = [0, 0]
+  for (const camera of cameras) {
+    drawn(share, matrix, camera)
+    const pixels = new Uint8Array(canvas.width * canvas.height * 4)
+    gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels)
+    for (let i = 0; i < pixels.length; i += 4) if (pixels[i] > 0) counts[pixels[i] > 200 ? 1 : 0]++
+  }
+
+  const programs = Object.fromEntries(Object.entries(WAYS).map(([name, way]) => [name, program(way)]))
+  const material = await inMaterial(side, pageSize, pages, stack, full)
+  const frames = (name, repeats) => time(material[name] ? material.gl : gl, () => {
+    if (material[name]) {
+      for (let i = 0; i < repeats; i++) for (const camera of cameras) material[name](camera)
+      return
+    }
+    const matrix = bind(WAYS[name], programs[name])
+    for (let i = 0; i < repeats; i++) for (const camera of cameras) drawn(WAYS[name], matrix, camera)
+  })
+  // As often as it takes for a clock of 0.1 ms; the first of each way compiles.
+  const names = [...Object.keys(WAYS), 'material, lightmap', 'material, hybrid']
+  for (const name of names) await frames(name, 1)
+  const repeats = Math.max(1, Math.ceil(20 / (await frames('nothing', 1))))
+  const times = Object.fromEntries(names.map((name) => [name, []]))
+  for (let round = 0; round < rounds; round++) {
+    for (let i = 0; i < names.length; i++) {
+      const name = names[(round + i) % names.length]
+      times[name].push((await frames(name, repeats)) / repeats / cameras.length)
+    }
+  }
+  if (gl.getError()) throw Error('a GL error')
+  const debug = gl.getExtension('WEBGL_debug_renderer_info')
+  const renderer = gl.getParameter(debug ? debug.UNMASKED_RENDERER_WEBGL : gl.RENDERER)
+  const about = `${renderer}, ${gl.getExtension('EXT_disjoint_timer_query_webgl2') ? "by the GPU's clock" : 'by the clock of the page'}`
+  return { times, about, textured: counts[1] / (counts[0] + counts[1]) }
+}
+globalThis.ready = true
