@@ -28,8 +28,9 @@ vec3 lightkilnLightTexel(highp sampler2DArray atlas, vec3 place) {
         vec2 texelsByY = (byY.xy - position * byY.z) * share;
         float level = 0.5 * log2(max(1.0, max(dot(texelsByX, texelsByX), dot(texelsByY, texelsByY))));
         vec3 size = vec3(textureSize(atlas, 0));
-        float page = clamp(floor(position.y / size.y), 0.0, size.z - 1.0);
-        vec2 uv = vec2(position.x, position.y - page * size.y) / size.xy;
+        vec2 uv = position / size.xy;
+        float page = clamp(floor(uv.y), 0.0, size.z - 1.0);
+        uv.y -= page;
         texel = eta * textureLod(atlas, vec3(uv, page), level).rgb;
     }
     return texel;

@@ -93,9 +93,9 @@ fn lightkilnLightTexel(atlas: texture_2d_array<f32>, linear: sampler, place: vec
         let steps = max(dot(texels_by_x, texels_by_x), dot(texels_by_y, texels_by_y));
         let level = 0.5 * log2(max(1.0, steps));
         let size = vec2<f32>(textureDimensions(atlas));
-        let page = clamp(floor(position.y / size.y), 0.0, f32(textureNumLayers(atlas)) - 1.0);
-        let uv = vec2<f32>(position.x, position.y - page * size.y) / size;
-        texel = eta * textureSampleLevel(atlas, linear, uv, i32(page), level).rgb;
+        let uv = position / size;
+        let page = clamp(floor(uv.y), 0.0, f32(textureNumLayers(atlas)) - 1.0);
+        texel = eta * textureSampleLevel(atlas, linear, vec2<f32>(uv.x, uv.y - page), i32(page), level).rgb;
     }
     return texel;
 }
