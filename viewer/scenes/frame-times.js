@@ -1,5 +1,6 @@
 // Draws the same triangles with no light, with light at vertices, with a lightmap and with the shaders of shaders/, and takes
-// the times; and again as occlusion in a material of three.js. `globalThis.measure(job)` is called by frame-times.mjs.
+// the times; and again as occlusion in a material of three.js. `globalThis.prepare(job)` and then
+// `globalThis.frames(way, repeats)` are called by frame-times.mjs.
 
 import * as THREE from 'three'
 import { RoomEnvironment } from 'three/addons/environments/RoomEnvironment.js'
@@ -165,7 +166,8 @@ async function inMaterial(side, [width, height], pages, stack, full) {
   }
 }
 
-globalThis.measure = async ({ side, pageSize, pages, cameras, rounds }) => {
+/** Loads what there is to draw; returns the names of the ways, and what the pictures and the renderer are. */
+globalThis.prepare = async ({ side, pageSize, pages, cameras }) => {
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1)
   const meshes = { hybrid: await mesh('hybrid', gl.UNSIGNED_SHORT), lightmap: await mesh('lightmap', gl.FLOAT) }
   const stack = new Uint8Array(pageSize[0] * pageSize[1] * pages)
@@ -204,29 +206,19 @@ globalThis.measure = async ({ side, pageSize, pages, cameras, rounds }) => {
 
   const programs = Object.fromEntries(Object.entries(WAYS).map(([name, way]) => [name, program(way)]))
   const material = await inMaterial(side, pageSize, pages, stack, full)
-  const frames = (name, repeats) => time(material[name] ? material.gl : gl, () => {
-    if (material[name]) {
-      for (let i = 0; i < repeats; i++) for (const camera of cameras) material[name](camera)
-      return
+  /** Milliseconds of a picture of each camera, so many times. */
+  globalThis.frames = (name, repeats) => time(material[name] ? material.gl : gl, () => {
+    const matrix = material[name] ? null : bind(WAYS[name], programs[name])
+    for (let i = 0; i < repeats; i++) {
+      for (const camera of cameras) {
+        if (material[name]) material[name](camera)
+        else drawn(WAYS[name], matrix, camera)
+      }
     }
-    const matrix = bind(WAYS[name], programs[name])
-    for (let i = 0; i < repeats; i++) for (const camera of cameras) drawn(WAYS[name], matrix, camera)
+    if (gl.getError() || material.gl.getError()) throw Error('a GL error')
   })
-  // As often as it takes for a clock of 0.1 ms; the first of each way compiles.
-  const names = [...Object.keys(WAYS), 'material, lightmap', 'material, hybrid']
-  for (const name of names) await frames(name, 1)
-  const repeats = Math.max(1, Math.ceil(20 / (await frames('nothing', 1))))
-  const times = Object.fromEntries(names.map((name) => [name, []]))
-  for (let round = 0; round < rounds; round++) {
-    for (let i = 0; i < names.length; i++) {
-      const name = names[(round + i) % names.length]
-      times[name].push((await frames(name, repeats)) / repeats / cameras.length)
-    }
-  }
-  if (gl.getError()) throw Error('a GL error')
   const debug = gl.getExtension('WEBGL_debug_renderer_info')
   const renderer = gl.getParameter(debug ? debug.UNMASKED_RENDERER_WEBGL : gl.RENDERER)
-  const about = `${renderer}, ${gl.getExtension('EXT_disjoint_timer_query_webgl2') ? "by the GPU's clock" : 'by the clock of the page'}`
-  return { times, about, textured: counts[1] / (counts[0] + counts[1]) }
+  return { names: [...Object.keys(WAYS), ...Object.keys(material).filter((name) => name !== 'gl')], renderer, textured: counts[1] / (counts[0] + counts[1]) }
 }
 globalThis.ready = true

@@ -20,7 +20,7 @@ const SIZE = 512
 /** Pictures are taken larger, and averaged in linear light, so that edges are smoothed alike everywhere. */
 const [CPU_SIZE, GPU_SIZE] = [2 * SIZE, 4 * SIZE]
 /** Largest root mean square difference of a picture, of numbers as displayed, 1 being white; and largest mean FLIP. */
-const BOUND = { rmse: 0.01, flip: 0.01 }
+const BOUND = { rmse: 0.005, flip: 0.015 }
 /** As crates/render has them: linear color behind things, half the opening, and the margin around things. */
 const [BACKGROUND, TANGENT, MARGIN] = [[0.28, 0.32, 0.38], 0.25, 1.06]
 const VIEW = [35, 20]

@@ -19,7 +19,7 @@ function executable() {
 
 /**
  * - `root`: the folder that is served; that of the viewer unless told otherwise
- * - returns: `open(page)`, `files` (a Map of names to bytes, served under /files/), and `close`
+ * - returns: `open(page)`, `files` (a Map of names to bytes, served under /files/), `close`, and playwright's `browser`
  */
 export async function startBrowser({ root = VIEWER, flags = [] } = {}) {
   const files = new Map()
@@ -55,7 +55,7 @@ export async function startBrowser({ root = VIEWER, flags = [] } = {}) {
     server.closeAllConnections()
     await new Promise((resolve) => server.close(resolve))
   }
-  return { files, open, close }
+  return { files, open, close, browser }
 }
 
 /** Numbers that a page gave as base64 of 32-bit floats. */
