@@ -1,5 +1,6 @@
 //! The light of a baked file, read back as a viewer reads it: codes, atlas, and the settings of the bake.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use lightkiln_encode::coordinates::STRIP_ROWS;
@@ -80,6 +81,25 @@ impl Extension {
         let plain = self.profile.parse::<Profile>().is_ok_and(Profile::is_plain);
         let strip = self.strip.filter(|s| s.texels >= 2).map(|s| Strip { row: s.row, texels: s.texels });
         plain.then_some(Coordinates { size: self.page_size.unwrap_or([1, 1]), strip })
+    }
+
+    /// Width and rows of all pages on top of each other.
+    fn stack(&self, pages: usize) -> [u32; 2] {
+        let [width, height] = self.page_size.unwrap_or([1, 1]);
+        [width, height * pages.max(1) as u32]
+    }
+
+    /// The codes or coordinates of a part's triangles in a layer; none where pairs of floats stand for no code.
+    pub fn corners<'a>(&self, read: &'a LayerRead, part: usize) -> Option<Cow<'a, [[[u16; 2]; 3]]>> {
+        if read.pairs[part].is_empty() {
+            return Some(Cow::Borrowed(&read.parts[part]));
+        }
+        let stack = self.stack(read.pages.len());
+        let channels = read.info.get("channels").and_then(serde_json::Value::as_u64);
+        let is_scalar = channels == Some(1) && read.table.is_none();
+        let code = |pair: [f32; 2]| LightCode::from_interop(pair, stack, is_scalar).map(|code| code.0);
+        let corners = |pairs: &[[f32; 2]; 3]| Some([code(pairs[0])?, code(pairs[1])?, code(pairs[2])?]);
+        read.pairs[part].iter().map(corners).collect::<Option<Vec<_>>>().map(Cow::Owned)
     }
 
     fn read(json: &serde_json::Value, file: &str) -> Result<Self, BakeError> {
@@ -246,7 +266,7 @@ impl FileLight {
         for (number, (info, read)) in extension.layers.iter().zip(&lightmap.layers).enumerate() {
             let layer =
                 info.layer(first).ok_or_else(|| faulty(format!("layer {number} of {file} has no scale")))?;
-            corners.push(layer_corners(surface, read).map_err(faulty)?);
+            corners.push(layer_corners(surface, &extension, read).map_err(faulty)?);
             let encoding = info
                 .encoding(layer.scale)
                 .ok_or_else(|| faulty(format!("layer {number} of {file} has no encoding")))?;
@@ -313,12 +333,16 @@ impl FileLight {
 }
 
 /// The codes or coordinates of a layer, triangle by triangle of the light mesh.
-fn layer_corners(surface: &Surface<'_>, read: &LayerRead) -> Result<Vec<[[u16; 2]; 3]>, String> {
+fn layer_corners(
+    surface: &Surface<'_>,
+    extension: &Extension,
+    read: &LayerRead,
+) -> Result<Vec<[[u16; 2]; 3]>, String> {
     let mut codes = Vec::with_capacity(surface.mesh.triangle_count());
-    for (number, (part, light)) in surface.scene.parts.iter().zip(&read.parts).enumerate() {
-        if !surface.is_lit(number) {
-            continue;
-        }
+    for (number, part) in surface.scene.parts.iter().enumerate().filter(|(n, _)| surface.is_lit(*n)) {
+        let light = extension.corners(read, number).ok_or_else(|| {
+            format!("part {number} (node {}) has coordinates that stand for no light", part.node)
+        })?;
         if light.len() != part.triangles.len() {
             return Err(format!(
                 "part {number} (node {}) has light for {} of {} triangles",
@@ -327,7 +351,7 @@ fn layer_corners(surface: &Surface<'_>, read: &LayerRead) -> Result<Vec<[[u16; 2
                 part.triangles.len()
             ));
         }
-        codes.extend_from_slice(light);
+        codes.extend_from_slice(&light);
     }
     Ok(codes)
 }

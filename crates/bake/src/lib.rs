@@ -95,6 +95,8 @@ pub fn bake(
     clock.stage("weld");
     let surface = scenery.surface(&file_name(input), &options.light)?;
     let plan = Plan::new(options, &surface.mesh)?;
+    let mut remarks = scenery.remarks(&moving);
+    remarks.extend(profiles::remarks(&surface, &plan)?);
     clock.stage("sample");
     let samples = poisson_disk(&surface.mesh, &SampleOptions { radius: plan.radius, seed: plan.seed })?;
     clock.stage("light");
@@ -113,7 +115,7 @@ pub fn bake(
         input,
         output,
         surface: &surface,
-        remarks: scenery.remarks(&moving),
+        remarks,
         plan: &plan,
         lit: &lit,
         seen: &seen,

@@ -2,11 +2,12 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use lightkiln_encode::{AtlasView, Codes, LightCode, Table};
+use lightkiln_encode::{AtlasView, Codes, Form, LightCode, Table};
 use lightkiln_light::Domain;
 use lightkiln_mesh::{SurfacePoint, TriangleId};
-use lightkiln_scene::{BakedLight, ExtensionInfo, LayerFiles, MaterialTexture, PartLight, Profile};
+use lightkiln_scene::{BakedLight, ExtensionInfo, LayerFiles, MaterialTexture, Pairs, PartLight, Profile};
 use lightkiln_texel::image::intensity;
 use lightkiln_texel::image_exr::LARGEST_HALF;
 use lightkiln_texel::{ExrDepth, ExrLayer, Ktx2Format, PngDepth, write_exr_layers, write_ktx2, write_png};
@@ -18,7 +19,7 @@ use crate::layers::{BakedLayer, Layers};
 use crate::lighting::AuthoredOcclusion;
 use crate::options::{BakeOptions, Plan};
 use crate::rounds::Shown;
-use crate::stored::{Encoding, StoredLayer};
+use crate::stored::{Encoding, Stored, StoredLayer};
 use crate::{BakeError, Surface};
 
 /// What was written.
@@ -87,6 +88,7 @@ pub fn write(
             root: serde_json::to_value(&extension).expect("plain numbers and strings"),
         },
         profile: plan.profile,
+        pairs: Some(pairs(&shown.stored)),
         keep_occlusion: plan.light.authored_occlusion == Some(AuthoredOcclusion::Keep),
         fallback: plan.profile.fallback(options.fallback),
         remove: if options.replace { plan.signals.replaced() } else { Vec::new() },
@@ -141,6 +143,21 @@ fn part_light(
         corner_fallback: triangles.par_iter().map_init(|| vec![0.0; layers.channels()], plain).collect(),
         corner_codes,
     }
+}
+
+/// The pair of floats that stands for a code of a layer.
+fn pairs(stored: &Stored) -> Pairs {
+    let [width, height] = stored.size.map(|side| side.max(1));
+    let pages = stored.layers.first().map_or(0, |layer| layer.pages.len());
+    let stack = [width, height * pages.max(1) as u32];
+    // The table itself plays no part: its codes are numbers of entries.
+    let forms: Vec<(usize, Option<Table>)> =
+        stored.layers.iter().map(|layer| (layer.channels, layer.table.clone())).collect();
+    Pairs(Arc::new(move |layer, code| {
+        let (channels, table) = &forms[layer];
+        let form = table.as_ref().map_or_else(|| Form::packed(*channels), Form::Table);
+        LightCode(code).interop(stack, &form)
+    }))
 }
 
 /// The pages of a layer's atlas as PNG files.

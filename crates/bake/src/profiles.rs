@@ -1,11 +1,12 @@
 //! What each profile can hold (docs/PROFILES.md), found out before anything is traced.
 
 use lightkiln_light::{Domain, Layer};
-use lightkiln_scene::Profile;
+use lightkiln_mesh::TriangleId;
+use lightkiln_scene::{Profile, Scene, Slot};
 
-use crate::BakeError;
-use crate::lighting::LightOptions;
-use crate::options::{BakeBounds, BakeOptions};
+use crate::lighting::{AuthoredOcclusion, LightOptions};
+use crate::options::{BakeBounds, BakeOptions, Plan};
+use crate::{BakeError, Surface};
 
 impl BakeOptions {
     /// Which light there is and what it meets, with what becomes of occlusion that the file has already: decided only
@@ -61,4 +62,49 @@ impl BakeOptions {
     fn refused(&self, what: &str, remedy: &'static str) -> BakeError {
         BakeError::Profile { profile: self.profile.name(), what: what.to_owned(), remedy }
     }
+}
+
+/// What is worth a word of occlusion that the file has already.
+///
+/// # Errors
+/// [`BakeError::Scene`] for images that cannot be read.
+pub(crate) fn remarks(surface: &Surface<'_>, plan: &Plan) -> Result<Vec<String>, BakeError> {
+    match plan.light.authored_occlusion {
+        Some(AuthoredOcclusion::Multiply) => Ok(finer_than_texels(surface, plan)?.into_iter().collect()),
+        Some(AuthoredOcclusion::Keep) => Ok(kept(surface.scene).into_iter().collect()),
+        Some(AuthoredOcclusion::Replace) | None => Ok(Vec::new()),
+    }
+}
+
+/// The primitives that keep their own occlusion.
+fn kept(scene: &Scene) -> Option<String> {
+    let own = |part| scene.has_occlusion_textures(part).into_iter().filter(|has| *has).count();
+    let kept: usize = (0..scene.parts.len()).map(own).sum();
+    (kept > 0).then(|| {
+        format!(
+            "{kept} primitives keep the occlusion textures of their materials and show none of this light"
+        )
+    })
+}
+
+/// Whether the occlusion textures of the file have more detail than the texels of this bake can hold.
+fn finer_than_texels(surface: &Surface<'_>, plan: &Plan) -> Result<Option<String>, BakeError> {
+    let Some(textures) = surface.scene.textures(Slot::Occlusion)? else { return Ok(None) };
+    let of_triangle = |t: TriangleId| {
+        let (part, triangle) = surface.part_of(t);
+        Some((surface.mesh.area(t), f64::from(textures.texels(part, triangle)?)))
+    };
+    let sum = |a: (f64, f64), b: (f64, f64)| (a.0 + b.0, a.1 + b.1);
+    let (area, texels) = surface.mesh.triangle_ids().filter_map(of_triangle).fold((0.0, 0.0), sum);
+    let width = (area / texels) as f32;
+    let width = width.sqrt();
+    Ok((width < plan.radius).then(|| {
+        format!(
+            "the occlusion textures of the file have texels of {width:.5} on the average, finer than those of this \
+             bake, {:.5}: detail between them is lost where the errors below say so; --detail {:.5} keeps it, \
+             --authored-occlusion keep leaves these materials alone",
+            plan.radius,
+            2.0 * width
+        )
+    }))
 }

@@ -281,9 +281,11 @@ impl Signals {
 impl<'a> Stage<'a> {
     /// A signal whose scalar layer is multiplied with the occlusion textures of the materials.
     fn times_authored(&self, signal: Box<dyn Signal + 'a>) -> Result<Box<dyn Signal + 'a>, BakeError> {
+        self.surface.scene.check_occlusion_textures()?;
         let mut first = 0;
         let mut scalar = None;
         for layer in signal.layers() {
+            // That one shows the textures themselves.
             if layer.channels == 1 && layer.name != OCCLUSION_NAME {
                 scalar = Some(first);
             }

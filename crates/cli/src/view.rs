@@ -229,7 +229,10 @@ fn gather(scene: &Scene, file: &str) -> Result<Gathered, Failure> {
             let white = if layer.white > 0.0 { (1.0 - layer.scale[0]) / layer.scale[1] } else { 1.0 };
             layer.codes.resize(layer.codes.len() + count, LightCode::color_of(&vec![white; layer.channels]));
             let own = &mut layer.codes[first as usize..];
-            for (corners, codes) in part.triangles.iter().zip(&read.parts[number]) {
+            let light = extension.corners(read, number).ok_or_else(|| BakeError::ReadBack {
+                what: format!("part {number} of {file} has coordinates that stand for no light"),
+            })?;
+            for (corners, codes) in part.triangles.iter().zip(light.iter()) {
                 corners.iter().zip(codes).for_each(|(&v, &value)| {
                     own[v as usize] = coordinates.map_or(LightCode(value), |c| c.code(value));
                 });

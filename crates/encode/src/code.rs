@@ -121,6 +121,30 @@ impl LightCode {
         }
     }
 
+    /// The code that a pair of floats of [`Self::interop`] stands for; `None` for pairs that stand for none.
+    ///
+    /// - `is_scalar`: whether colors are values of a scalar layer, and no packed RGB or numbers of entries
+    pub fn from_interop([x, y]: [f32; 2], stack: [u32; 2], is_scalar: bool) -> Option<Self> {
+        if !(x.is_finite() && y.is_finite()) {
+            return None;
+        }
+        if y < INTEROP_COLOR {
+            let position = [x * stack[0] as f32, y * stack[1] as f32];
+            let code = Self::texture(position)?;
+            let [u, v] = code.position()?;
+            let near = |a: f32, b: f32| (a - b).abs() < 0.25 / SUBTEXELS as f32;
+            return (near(u, position[0]) && near(v, position[1])).then_some(code);
+        }
+        if is_scalar {
+            return (y == INTEROP_COLOR && (0.0..=1.0).contains(&x)).then(|| Self::color(x));
+        }
+        let whole =
+            |n: f32, limit: u32| (n >= 0.0 && n.fract() == 0.0 && n < limit as f32).then_some(n as u32);
+        let high = whole(y - INTEROP_COLOR, u32::from(COLOR_FLAG))?;
+        let low = whole(x, if high == 0 { TABLE_LIMIT as u32 } else { 1 << LOW_BITS })?;
+        Some(Self::from_bits((high << LOW_BITS) + low))
+    }
+
     /// The 31 bits beside the flag.
     #[inline]
     fn bits(self) -> Option<u32> {
@@ -182,6 +206,16 @@ mod tests {
     }
 
     #[test]
+    fn code_of_pairs_that_stand_for_none_is_none() {
+        let none = |pair, is_scalar| LightCode::from_interop(pair, [8, 8], is_scalar).is_none();
+        for pair in [[f32::NAN, 2.0], [0.5, f32::INFINITY], [-0.1, 0.5], [0.5, -0.1], [1.0 / 128.0, 0.5]] {
+            assert!(none(pair, true) && none(pair, false), "{pair:?}");
+        }
+        assert!(none([0.5, 3.0], true) && none([1.5, 2.0], true));
+        assert!(none([0.5, 2.0], false) && none([65536.0, 3.0], false) && none([1.0, 2.5], false));
+    }
+
+    #[test]
     fn code_bits_are_those_of_the_format() {
         assert_eq!(LightCode::color(1.0), LightCode([65535, 0x8000]));
         // r = 1023, g = 0, b = 0 and so on.
@@ -222,6 +256,27 @@ mod tests {
             }
             // What is shown is a fixed point, so packing twice changes nothing.
             prop_assert_eq!(LightCode::color_rgb(shown), code);
+        }
+
+        #[test]
+        fn code_interop_round_trip_is_exact(
+            bits in 0..1_u32 << 31, x in any::<u16>(), y in 0..COLOR_FLAG, width in 1_u32..=1024, height in 1_u32..=1023,
+        ) {
+            let stack = [width * 4, height * 4];
+            let table = Table::build(&[0.5], 1, 0.0).expect("one entry").0;
+            let scalar = LightCode([x, COLOR_FLAG]);
+            let entry = LightCode::color_index(bits % TABLE_LIMIT as u32).expect("in range");
+            for (code, form) in
+                [(scalar, Form::Scalar), (LightCode::from_bits(bits), Form::Rgb), (entry, Form::Table(&table))]
+            {
+                let is_scalar = matches!(form, Form::Scalar);
+                prop_assert_eq!(LightCode::from_interop(code.interop(stack, &form), stack, is_scalar), Some(code));
+            }
+            let place = LightCode([x % (stack[0] * 8) as u16, y % (stack[1] * 8) as u16]);
+            for is_scalar in [true, false] {
+                let pair = place.interop(stack, &Form::Scalar);
+                prop_assert_eq!(LightCode::from_interop(pair, stack, is_scalar), Some(place));
+            }
         }
 
         #[test]

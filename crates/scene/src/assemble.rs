@@ -187,8 +187,8 @@ pub(crate) fn stem(path: &Path) -> String {
 fn view_json(purpose: Purpose, buffer: usize, length: usize) -> Value {
     let mut json = json!({"buffer": buffer, "byteOffset": 0, "byteLength": length});
     let stride = match purpose {
-        Purpose::Light { .. } | Purpose::Fallback => Some(4),
-        Purpose::Vertices { stride } => Some(stride),
+        Purpose::Fallback => Some(4),
+        Purpose::Light { stride, .. } | Purpose::Vertices { stride } => Some(stride),
         Purpose::Indices { .. } | Purpose::Image { .. } => None,
     };
     if let Some(stride) = stride {

@@ -1,5 +1,7 @@
 //! The light of a scene as the writer takes it, and whether it belongs to the scene.
 
+use std::sync::Arc;
+
 use serde_json::{Map, Value};
 
 use crate::error::{SceneError, value};
@@ -33,6 +35,16 @@ pub struct LayerFiles {
     pub texture: Option<MaterialTexture>,
 }
 
+/// From a code of a layer to the pair of floats that stands for it ([`Profile::Texcoord`]).
+#[derive(Clone)]
+pub struct Pairs(pub Arc<dyn Fn(usize, [u16; 2]) -> [f32; 2] + Send + Sync>);
+
+impl std::fmt::Debug for Pairs {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Pairs")
+    }
+}
+
 /// The root object of the extension; [`write`] fills in `version` and `layers`.
 #[derive(Clone, Debug, Default)]
 pub struct ExtensionInfo {
@@ -51,6 +63,8 @@ pub struct BakedLight {
     pub extension: ExtensionInfo,
     /// How the light stands in the file.
     pub profile: Profile,
+    /// What stands for codes in [`Profile::Texcoord`].
+    pub pairs: Option<Pairs>,
     /// Materials with an occlusion texture of their own keep it and show no occlusion of ours, in plain profiles.
     pub keep_occlusion: bool,
     /// What other viewers show.

@@ -87,10 +87,8 @@ impl Sampled<Colors> {
     }
 
     /// Texels that a triangle covers, by the area between its texture coordinates.
-    pub fn texels(&self, [a, b, c]: [[f32; 2]; 3]) -> f32 {
-        let [a, b, c] = [a, b, c].map(|uv| self.mapping.texel_position(uv, self.image.size));
-        let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-        if area.is_finite() { area.abs() / 2.0 } else { f32::MAX }
+    pub fn texels(&self, corners: [[f32; 2]; 3]) -> f32 {
+        self.mapping.texel_area(corners, self.image.size)
     }
 }
 

@@ -68,7 +68,7 @@ mod uri;
 mod variants;
 mod write;
 
-pub use baked::{BakedLight, ExtensionInfo, Fallback, LayerFiles, PartLight};
+pub use baked::{BakedLight, ExtensionInfo, Fallback, LayerFiles, Pairs, PartLight};
 pub use cameras::{Projection, SceneCamera};
 pub use environment::{Environment, decode_environment, read_environment};
 pub use error::{Place, SceneError, Warning};

@@ -61,6 +61,8 @@ pub struct LayerRead {
     /// In the order of [`Scene::parts`]: per triangle, per corner. Empty for parts without light. In plain profiles
     /// these are coordinates, `0..=65535` over the page, and the same in all layers.
     pub parts: Vec<Vec<[[u16; 2]; 3]>>,
+    /// The same in [`Profile::Texcoord`], whose pairs stand for codes; `parts` then has no triangles.
+    pub pairs: Vec<Vec<[[f32; 2]; 3]>>,
 }
 
 /// The accessor of a primitive, if it has one.
@@ -195,7 +197,14 @@ impl Scene {
                 return Err(value("codes", found, "packed without a table, table with one, or coordinates"));
             }
         };
-        Ok(LayerRead { info, pages, table, parts: Vec::with_capacity(self.parts.len()) })
+        let parts = self.parts.len();
+        Ok(LayerRead {
+            info,
+            pages,
+            table,
+            parts: Vec::with_capacity(parts),
+            pairs: Vec::with_capacity(parts),
+        })
     }
 
     fn light_image(&self, root: &Value, role: &str, texture: &Value) -> Result<LightImage, SceneError> {
@@ -232,25 +241,35 @@ impl Scene {
                 let codes = attribute(&self.document, json, name)?
                     .ok_or_else(|| value(name, "missing", "an attribute of the primitive"))?;
                 let codes = open(&self.document, codes, name, 2..=2, None)?;
-                if codes.layout.component != Component::U16 {
-                    return Err(codec(
-                        "light",
-                        format!("{name} is no longer made of unsigned 16-bit integers"),
-                    ));
+                let (component, called) = match profile {
+                    Profile::Texcoord => (Component::F32, "floats"),
+                    _ => (Component::U16, "unsigned 16-bit integers"),
+                };
+                if codes.layout.component != component {
+                    return Err(codec("light", format!("{name} is no longer made of {called}")));
                 }
                 Ok(Some(codes))
             })?;
-            let codes = match opened {
-                Some(codes) => {
-                    self.corners_of(part, &codes, |codes, v| [0, 1].map(|c| codes.u32(v, c) as u16))?
+            let (mut codes, mut pairs) = (Vec::new(), Vec::new());
+            match opened {
+                Some(light) if profile == Profile::Texcoord => {
+                    pairs = self.corners_of(part, &light, |light, v| [0, 1].map(|c| light.f32(v, c)))?;
                 }
-                None => Vec::new(),
-            };
+                Some(light) => {
+                    codes =
+                        self.corners_of(part, &light, |light, v| [0, 1].map(|c| light.u32(v, c) as u16))?;
+                }
+                None => {}
+            }
             layers[number].parts.push(codes);
+            layers[number].pairs.push(pairs);
         }
         // One attribute for all layers.
         let shared = layers[0].parts.last().cloned().unwrap_or_default();
-        layers[count..].iter_mut().for_each(|layer| layer.parts.push(shared.clone()));
+        for layer in &mut layers[count..] {
+            layer.parts.push(shared.clone());
+            layer.pairs.push(Vec::new());
+        }
         Ok(())
     }
 

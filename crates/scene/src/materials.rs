@@ -9,10 +9,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde_json::{Map, Value, json};
 
 use crate::document::{array, extension, list, object, whole};
-use crate::error::Place;
+use crate::error::{Place, SceneError};
+use crate::images::{foreign_source, image_place};
 use crate::lightmap::EXTENSION;
 use crate::replace::LIGHTMAPS;
 use crate::scene::Scene;
+use crate::texture::texture_of;
 use crate::undo::remove_extension;
 use crate::variants::VARIANTS;
 use crate::write::Patch;
@@ -246,5 +248,26 @@ impl Scene {
         let materials = self.document.list("materials");
         let has = |m: &Option<usize>| m.is_some_and(|m| materials[m].get(OCCLUSION).is_some());
         self.parts[part].primitive_materials.iter().map(has).collect()
+    }
+
+    /// Refuses occlusion textures that are to be read and cannot be.
+    ///
+    /// # Errors
+    /// [`SceneError::Unsupported`] for the first whose image is in no format of glTF itself.
+    pub fn check_occlusion_textures(&self) -> Result<(), SceneError> {
+        let materials = self.document.list("materials");
+        let used = self.parts.iter().flat_map(|part| part.primitive_materials.iter().flatten());
+        for &material in used.collect::<BTreeSet<_>>() {
+            let Some(info) = materials[material].get(OCCLUSION) else { continue };
+            if let Some((texture, None)) = texture_of(&self.document, info)? {
+                let image = foreign_source(&self.document, texture);
+                return Err(SceneError::Unsupported {
+                    what: "an occlusion texture in a format that is not read (KTX2, AVIF, DDS)".to_owned(),
+                    remedy: "choose --authored-occlusion keep or replace, or export it as PNG, JPEG or WebP",
+                    place: image.map(|i| image_place(&self.document, i)).unwrap_or_default().into(),
+                });
+            }
+        }
+        Ok(())
     }
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value, json};
 
 use crate::accessor::{Component, layout};
-use crate::baked::Fallback;
+use crate::baked::{Fallback, Pairs};
 use crate::document::{MESHOPT, array, extension, index, list, object, whole};
 use crate::draco::DRACO;
 use crate::error::SceneError;
@@ -74,14 +74,21 @@ impl<'a> Patch<'a> {
         let names = self.attribute_names(&first, split.codes.len());
         let mut codes = Vec::with_capacity(split.codes.len());
         for (layer, of_layer) in split.codes.iter().enumerate() {
-            let bytes: Vec<u8> = of_layer.iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
+            let pairs = self.light.pairs.as_ref().filter(|_| profile == Profile::Texcoord);
+            let (bytes, component): (Vec<u8>, _) = match pairs {
+                Some(Pairs(pair)) => {
+                    (of_layer.iter().flat_map(|&c| pair(layer, c)).flat_map(f32::to_le_bytes).collect(), 5126)
+                }
+                None => (of_layer.iter().flatten().flat_map(|c| c.to_le_bytes()).collect(), 5123),
+            };
             self.written.light_bytes += bytes.len() as u64;
             self.written.layers[layer].attribute_bytes += bytes.len() as u64;
-            let mut template = json!({"componentType": 5123, "count": of_layer.len(), "type": "VEC2"});
+            let mut template = json!({"componentType": component, "count": of_layer.len(), "type": "VEC2"});
             if profile.is_plain() {
                 template["normalized"] = true.into();
             }
-            codes.push(self.new_accessor(Purpose::Light { layer }, &bytes, template));
+            let purpose = Purpose::Light { layer, stride: profile.stride() };
+            codes.push(self.new_accessor(purpose, &bytes, template));
         }
         let color = match self.light.fallback {
             Fallback::Color0 => Some(self.fallback(&split, original_color)?),

@@ -109,6 +109,13 @@ impl Mapping {
         [at[0] * size[0] as f32, at[1] * size[1] as f32]
     }
 
+    /// Texels that a triangle covers, by the area between its texture coordinates.
+    pub fn texel_area(&self, corners: [[f32; 2]; 3], size: [usize; 2]) -> f32 {
+        let [a, b, c] = corners.map(|uv| self.texel_position(uv, size));
+        let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        if area.is_finite() { area.abs() / 2.0 } else { f32::MAX }
+    }
+
     /// The texels around a point of an image.
     pub fn cell(&self, uv: [f32; 2], size: [usize; 2]) -> Cell {
         let at = self.texel_position(uv, size);
@@ -355,6 +362,15 @@ impl Textures<'_> {
     /// Numbers a point: 1 or 3.
     pub fn channels(&self) -> usize {
         self.channels
+    }
+
+    /// Texels of its image that a part's triangle covers, by the area between its texture coordinates; none where it
+    /// shows no image.
+    pub fn texels(&self, part: usize, triangle: usize) -> Option<f32> {
+        let primitive = self.scene.parts[part].triangle_primitives[triangle] as usize;
+        let Lookup { image, mapping, uv } = self.parts[part][primitive].as_ref()?.texture.as_ref()?;
+        let corners = self.scene.gltf_corners(part, triangle).map(|v| uv[v as usize]);
+        Some(mapping.texel_area(corners, image.size))
     }
 
     /// What a point of a part's triangle shows, linear. False when it shows nothing, having no texture coordinates.

@@ -138,7 +138,7 @@ fn write_inner(scene: &Scene, light: &BakedLight, path: &Path) -> Result<Written
 /// What appended bytes are for: each purpose gets one buffer view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Purpose {
-    Light { layer: usize },
+    Light { layer: usize, stride: usize },
     Fallback,
     Vertices { stride: usize },
     Indices { size: usize },
