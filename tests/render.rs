@@ -11,8 +11,11 @@ use serde_json::json;
 /// The arguments of a small picture.
 fn picture<'a>(file: &'a Path, output: &'a Path, extra: &[&'a str]) -> Vec<&'a std::ffi::OsStr> {
     let mut all = vec!["render".as_ref(), file.as_os_str(), "-o".as_ref(), output.as_os_str()];
-    all.extend(["--quiet", "--size", "48", "--mode", "clay"].iter().map(std::ffi::OsStr::new));
-    all.extend(extra.iter().map(std::ffi::OsStr::new));
+    all.push("--quiet".as_ref());
+    for usual in [["--size", "48"], ["--mode", "clay"]].iter().filter(|usual| !extra.contains(&usual[0])) {
+        all.extend(usual.iter().map(std::ffi::OsStr::new));
+    }
+    all.extend(extra.iter().map(|&argument| std::ffi::OsStr::new(argument)));
     all
 }
 
@@ -113,7 +116,9 @@ fn render_to_exr_has_a_layer_for_each_picture_in_the_unit_of_the_light() {
     let middle = &image.values[(12 * 32 + 16) * 16..][..16];
     for (value, name) in middle.iter().zip(&image.names) {
         let expected = if name.ends_with('A') { 1.0 } else { 628.3 };
-        assert!((value - expected).abs() < 0.1 * expected, "{name}: {value}");
+        // What is traced has the noise of 64 rays.
+        let off = if name.contains("reference") { 0.3 } else { 0.1 };
+        assert!((value - expected).abs() < off * expected, "{name}: {value}");
     }
     let output = folder.path("single.exr");
     succeed(picture(&file, &output, &["--mode", "error", "--rays", "64"]));
@@ -133,4 +138,40 @@ fn render_before_nothing_is_transparent() {
     assert_eq!((red.channels, &red.values[..3]), (3, &[1.0, 0.0, 0.0][..]));
     let middle = (24 * 48 + 24) * 4;
     assert_eq!(clear.values[middle + 3], 1.0);
+}
+
+#[test]
+fn render_of_several_files_places_and_modes_is_a_sheet() {
+    let folder = Folder::new("render-sheet");
+    let [one, two] = ["column.glb", "contact.glb"].map(data);
+    let sheet = |extra: &[&str]| {
+        let second = two.to_string_lossy().into_owned();
+        png(&folder, &one, &[&[second.as_str()], extra].concat()).size
+    };
+    // Strips of 15 pixels above for the captions; lines of 4 between.
+    assert_eq!(sheet(&[]), [2 * 48 + 4, 48 + 15]);
+    assert_eq!(sheet(&["--no-captions"]), [2 * 48 + 4, 48]);
+    assert_eq!(sheet(&["--no-captions", "--columns", "1"]), [48, 2 * 48 + 4]);
+    let all = ["--no-captions", "--view", "front,30,20,top", "--mode", "clay,shaded"];
+    // Two modes side by side; below each other two files from three places.
+    assert_eq!(sheet(&all), [2 * 48 + 4, 6 * 48 + 5 * 4]);
+    let views = ["--no-captions", "--view", "front,back,left,right,top,bottom,three-quarter"];
+    // Seven places are more than six: two lines for each file, the second not full.
+    assert_eq!(png(&folder, &one, &views).size, [4 * 48 + 3 * 4, 2 * 48 + 4]);
+}
+
+#[test]
+fn render_shaded_gets_brighter_with_exposure_and_darker_with_white() {
+    let folder = Folder::new("render-exposure");
+    let file = data("column.glb");
+    let mean = |extra: &[&str]| {
+        let shaded = ["--mode", "shaded", "--background", "0,0,0"];
+        let image = png(&folder, &file, &[&shaded[..], extra].concat());
+        image.values.iter().sum::<f32>() / image.values.len() as f32
+    };
+    let usual = mean(&[]);
+    assert!(usual > 0.05, "{usual}");
+    assert!(mean(&["--exposure", "-1"]) < 0.85 * usual && mean(&["--exposure", "1"]) > 1.05 * usual);
+    assert!(mean(&["--white", "12"]) < 0.7 * usual);
+    assert!(mean(&["--tone", "clip", "--exposure", "2"]) >= mean(&["--exposure", "2"]));
 }

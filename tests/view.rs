@@ -30,7 +30,7 @@ fn report_is_a_page_or_json_by_its_name_and_may_be_both() {
     assert!(report["errors"]["hybrid"]["histogram"].as_array().expect("a histogram").len() == 20);
     let page = std::fs::read_to_string(&html).expect("written");
     assert!(page.starts_with("<!doctype html>") && page.len() < 2_000_000, "{} bytes", page.len());
-    assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 4);
+    assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 5);
     let rule = std::fs::read_to_string(&depfile).expect("written");
     assert!(rule.contains("r.HTML") && rule.contains("r.json"), "{rule}");
 }

@@ -59,7 +59,7 @@ pub use error::BakeError;
 pub use file_light::FileLight;
 pub use lighting::LightOptions;
 pub use options::{BakeOptions, Plan, Quality};
-pub use scenery::{Opened, Scenery};
+pub use scenery::{Opened, Opening, Scenery};
 pub use surface::Surface;
 
 /// What a bake leaves behind beside the files.

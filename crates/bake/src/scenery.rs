@@ -74,6 +74,19 @@ fn read_options(scene: Option<usize>, signals: &Signals, options: &LightOptions)
     options.read_options(scene, signals.needs_surfaces())
 }
 
+/// How a file is opened.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Opening<'a> {
+    /// Which of its scenes; its default scene if none.
+    pub scene: Option<usize>,
+    /// The surroundings, where they lie elsewhere than the file says.
+    pub environment: Option<&'a Path>,
+    /// Whether a file that is not baked is an error.
+    pub needs_light: bool,
+    /// Whether all is read that surfaces look like.
+    pub finish: bool,
+}
+
 /// A file and what its light is made of: as it says itself if it is baked, by the defaults if it is not.
 pub struct Opened {
     /// How its light was made; none if it is not baked.
@@ -89,18 +102,10 @@ pub struct Opened {
 impl Opened {
     /// Opens a file.
     ///
-    /// - `scene`: which of its scenes; its default scene if none
-    /// - `environment`: the surroundings, where they lie elsewhere than the file says
-    /// - `needs_light`: whether a file that is not baked is an error
-    ///
     /// # Errors
     /// [`BakeError::NotBaked`], and those of [`Recipe::read`] and [`Scenery::read`].
-    pub fn read(
-        path: &Path,
-        scene: Option<usize>,
-        environment: Option<&Path>,
-        needs_light: bool,
-    ) -> Result<Self, BakeError> {
+    pub fn read(path: &Path, opening: Opening<'_>) -> Result<Self, BakeError> {
+        let Opening { scene, environment, needs_light, finish } = opening;
         let plain = ReadOptions { scene, ..ReadOptions::default() };
         let read = Scene::read(path, &plain)?;
         let recipe = match FileLight::recipe(&read, &crate::file_name(path)) {
@@ -116,12 +121,16 @@ impl Opened {
             options.environment = Some(environment.to_owned());
         }
         // Only light that meets colors, glass or a variant asks for another look at the file.
-        let scenery = if read_options(scene, &signals, &options) == plain {
-            Scenery::around(read, &signals, &options)?
+        let mut wanted = read_options(scene, &signals, &options);
+        wanted.surfaces |= finish;
+        wanted.finish = finish;
+        let read = if wanted == plain {
+            read
         } else {
             drop(read);
-            Scenery::read(path, scene, &signals, &options)?
+            Scene::read(path, &wanted)?
         };
+        let scenery = Scenery::around(read, &signals, &options)?;
         Ok(Self { recipe, signals, options, scenery })
     }
 

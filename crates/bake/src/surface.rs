@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use glam::Vec3;
 use lightkiln_light::{Lighting, SurfaceFlags, Surfaces, Tracer};
 use lightkiln_mesh::{Adjacency, Fans, Mesh, Source, SurfacePoint, TriangleId, VertexId, weld};
-use lightkiln_scene::{Scene, TriangleFlags};
+use lightkiln_scene::{Finish, Scene, TriangleFlags};
 
 use crate::{BakeError, sides};
 
@@ -192,6 +192,12 @@ impl<'a> Surface<'a> {
         }
         let other = &self.others[self.others.partition_point(|o| o.first <= triangle.0) - 1];
         (other.scene, other.part, (triangle.0 - other.first) as usize)
+    }
+
+    /// What any triangle of the world looks like at a point, see [`Scene::triangle_finish`].
+    pub fn finish(&self, triangle: TriangleId, barycentric: [f32; 2]) -> Finish {
+        let (scene, part, local) = self.source_of(triangle);
+        scene.triangle_finish(part, local, barycentric)
     }
 
     /// Whether a part gets light.

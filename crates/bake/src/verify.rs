@@ -17,7 +17,7 @@ use crate::options::{CONFIDENCE, Plan};
 use crate::output::Written;
 use crate::rounds::Shown;
 use crate::shade::{Lit, interpolate, refine};
-use crate::{BakeError, FileLight, Opened, Surface};
+use crate::{BakeError, FileLight, Opened, Opening, Surface};
 
 /// How many nodes with coarse texels a report names.
 const COARSE_NODES: usize = 10;
@@ -333,7 +333,9 @@ pub fn verify_file(
     let mut clock = Clock::new(progress);
     clock.stage("read");
     let file = crate::file_name(path);
-    let opened = Opened::read(path, options.scene, options.environment.as_deref(), true)?;
+    let environment = options.environment.as_deref();
+    let opening = Opening { scene: options.scene, environment, needs_light: true, finish: false };
+    let opened = Opened::read(path, opening)?;
     let surface = opened.scenery.surface(&file, &opened.options)?;
     let light = FileLight::read(&surface, &file)?;
     let tracer = Tracer::new(surface.casters(), &surface)?;

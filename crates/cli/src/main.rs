@@ -7,7 +7,7 @@
 //! | [`progress`] | bars on a terminal, plain lines elsewhere |
 //! | [`pictures`] | the command `render` |
 //! | [`stations`] | where pictures are taken from |
-//! | [`studio`] | what they show of one scene |
+//! | [`studio`], [`shaded`] | what they show of one scene |
 //! | [`view`] | the command `view`, and the report as a page |
 //! | [`vertices`] | the commands `compare` and `fit` |
 //! | [`messages`] | errors with place and remedy, exit codes |
@@ -20,6 +20,7 @@ mod light;
 mod messages;
 mod pictures;
 mod progress;
+mod shaded;
 mod stations;
 mod studio;
 mod vertices;

@@ -3,11 +3,12 @@
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use glam::{Vec3, Vec4};
 use lightkiln_bake::{Clock, file_name};
 use lightkiln_render::picture::{BACKGROUND, from_srgb};
-use lightkiln_render::{Picture, View, sheet};
+use lightkiln_render::sheet::{Legend, Panel, columns, sheet};
+use lightkiln_render::{Picture, Tone, View};
 use lightkiln_texel::{ExrDepth, ExrLayer, write_exr_layers};
 
 use crate::arguments::Common;
@@ -15,6 +16,7 @@ use crate::commands::use_threads;
 use crate::files::{check_outputs, write_whole};
 use crate::messages::{Exit, Failure};
 use crate::progress::Stages;
+use crate::shaded::Exposure;
 use crate::stations::{MOST_PIXELS, Station, Stations, xyz};
 use crate::studio::{Look, ModeName, Values, in_studio};
 
@@ -68,8 +70,44 @@ pub struct Render {
     /// Which layer of the light, from 0
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub layer: usize,
+    /// Shaded modes: doublings of brightness
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub exposure: f32,
+    /// Shaded modes: what makes a white surface white, in lux [default: that of the bake]
+    #[arg(long, value_name = "LUX")]
+    pub white: Option<f32>,
+    /// Shaded modes: what becomes of light that is brighter than a screen
+    #[arg(long, value_enum, default_value = "neutral")]
+    pub tone: ToneName,
+    /// Pictures in a row of a sheet [default: modes, or places with one mode; a single line of more than six wraps]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub columns: Option<u16>,
+    /// Captions and legends on single pictures too
+    #[arg(long)]
+    pub captions: bool,
+    /// No captions and legends on sheets
+    #[arg(long, conflicts_with = "captions")]
+    pub no_captions: bool,
     #[command(flatten)]
     pub common: Common,
+}
+
+/// Names of [`Tone`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ToneName {
+    /// Khronos PBR Neutral: base colors stay as they are, highlights are compressed
+    Neutral,
+    /// Cut off at 1
+    Clip,
+}
+
+impl From<ToneName> for Tone {
+    fn from(name: ToneName) -> Self {
+        match name {
+            ToneName::Neutral => Self::Neutral,
+            ToneName::Clip => Self::Clip,
+        }
+    }
 }
 
 /// Width, and height if it is given.
@@ -142,6 +180,7 @@ struct Shown {
     station: String,
     mode: ModeName,
     picture: Picture,
+    legend: Option<Legend>,
 }
 
 /// Renders what was asked for into one image.
@@ -175,6 +214,13 @@ impl Render {
         if !(self.zoom.is_finite() && self.zoom > 0.0) {
             let what = format!("--zoom is {}, but must be above 0", self.zoom);
             return Err(Failure::new(Exit::Usage, what).remedy("2 shows half as much of the scene"));
+        }
+        let bad = |what: String| Err(Failure::new(Exit::Usage, what));
+        if !(self.exposure.is_finite() && self.exposure.abs() <= 30.0) {
+            return bad(format!("--exposure is {}, but must lie between -30 and 30", self.exposure));
+        }
+        if let Some(white) = self.white.filter(|white| !(white.is_finite() && *white > 0.0)) {
+            return bad(format!("--white is {white}, but must be above 0"));
         }
         let mut list = Vec::new();
         for text in &self.view {
@@ -214,7 +260,8 @@ impl Render {
             layer: self.layer,
             rays: self.rays,
             values: if ending == Ending::Exr { Values::Signal } else { Values::Screen },
-            needs_light: self.mode.iter().any(|mode| mode.needs_bake()),
+            exposure: Exposure { stops: self.exposure, white: self.white, tone: self.tone.into() },
+            modes: &self.mode,
         };
         // A background of numbers would be taken for light.
         let background = self.background.unwrap_or(match ending {
@@ -231,7 +278,9 @@ impl Render {
                         Background::Color(color) => picture.over(color),
                     };
                     let name = stations.list[station].0.clone();
-                    shown.push((station, Shown { file: file_name(file), station: name, mode, picture }));
+                    let legend = studio.legend(mode);
+                    let file = file_name(file);
+                    shown.push((station, Shown { file, station: name, mode, picture, legend }));
                 }
             }
             shown.sort_by_key(|(station, _)| *station);
@@ -240,9 +289,19 @@ impl Render {
     }
 
     fn png(&self, all: Vec<Shown>) -> Result<Vec<u8>, Failure> {
-        let pictures: Vec<Picture> = all.into_iter().map(|shown| shown.picture).collect();
-        let columns = if self.mode.len() > 1 { self.mode.len() } else { pictures.len() };
-        sheet(&pictures, columns).to_png().map_err(|e| Failure::new(Exit::Failed, e.to_string()))
+        let places = all.len() / self.files.len() / self.mode.len();
+        let row = [self.mode.len(), places, self.files.len()].into_iter().find(|&n| n > 1).unwrap_or(1);
+        // What belongs together stays in one line, unless it is all that there is.
+        let usual = || if row == all.len() { columns(row) } else { row };
+        let columns = self.columns.map_or_else(usual, usize::from);
+        let has_captions = self.captions || (all.len() > 1 && !self.no_captions);
+        let captions: Vec<String> = all.iter().map(|shown| shown.differences(&all).join("  ")).collect();
+        let panel = |(shown, caption): (Shown, String)| match has_captions {
+            true => Panel { picture: shown.picture, caption, legend: shown.legend },
+            false => Panel { picture: shown.picture, caption: String::new(), legend: None },
+        };
+        let panels: Vec<Panel> = all.into_iter().zip(captions).map(panel).collect();
+        sheet(&panels, columns).to_png().map_err(|e| Failure::new(Exit::Failed, e.to_string()))
     }
 
     /// One layer for each picture, with alpha; its name says what differs between the pictures.

@@ -3,21 +3,22 @@
 use std::path::Path;
 
 use clap::ValueEnum;
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 use lightkiln_bake::file_light::Recipe;
 use lightkiln_bake::layers::Layers;
 use lightkiln_bake::options::BakeBounds;
-use lightkiln_bake::{BakeError, Clock, FileLight, Opened, Surface, options, shade};
+use lightkiln_bake::{BakeError, Clock, FileLight, Opened, Opening, Surface, options, shade};
 use lightkiln_encode::AtlasView;
 use lightkiln_light::{Estimates, Hit, Signal, Surfaces, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
 use lightkiln_page::ErrorPoint;
 use lightkiln_render::picture::{PLACES, covering};
-use lightkiln_render::{Picture, Ray, Smoothing, Subject, render};
+use lightkiln_render::{Legend, Picture, Ray, Sight, Smoothing, Subject, render};
 use lightkiln_sample::{SampleOptions, poisson_disk};
 
 use crate::messages::{Exit, Failure};
+use crate::shaded::{Exposure, Shaded};
 use crate::stations::Shot;
 
 /// The color of a point on a ray.
@@ -40,6 +41,10 @@ pub enum ModeName {
     Error,
     /// Charts in different colors
     Charts,
+    /// Materials in the baked light
+    Shaded,
+    /// Materials in light traced at every pixel
+    ShadedReference,
     /// Plain shape
     Clay,
 }
@@ -48,6 +53,11 @@ impl ModeName {
     /// Its name on the command line.
     pub fn name(self) -> String {
         self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+    }
+
+    /// Whether it shows what surfaces look like.
+    pub fn is_shaded(self) -> bool {
+        matches!(self, Self::Shaded | Self::ShadedReference)
     }
 
     /// Whether it shows nothing of a file that is not baked.
@@ -61,7 +71,8 @@ impl ModeName {
 pub enum Values {
     /// What a screen shows, linear, `0..=1`.
     Screen,
-    /// Light, and errors of it, in the unit of the layer and whatever its size; of other modes what a screen shows.
+    /// Light, and errors of it, in the unit of the layer and whatever its size; radiance of what is shaded; of other
+    /// modes what a screen shows.
     Signal,
 }
 
@@ -77,8 +88,10 @@ pub struct Look<'a> {
     pub rays: u32,
     /// What pixels hold.
     pub values: Values,
-    /// Whether the file has to be baked.
-    pub needs_light: bool,
+    /// How what is shaded becomes what a screen shows.
+    pub exposure: Exposure,
+    /// What is to be shown: it says what has to be read.
+    pub modes: &'a [ModeName],
 }
 
 /// Reads a file with its light and all that is needed to trace it again, and works with that.
@@ -92,7 +105,10 @@ pub fn in_studio<T>(
 ) -> Result<T, Failure> {
     let file = lightkiln_bake::file_name(look.file);
     clock.stage("read");
-    let opened = Opened::read(look.file, look.scene, None, look.needs_light)?;
+    let any = |of: &dyn Fn(ModeName) -> bool| look.modes.iter().any(|&mode| of(mode));
+    let (needs_light, finish) = (any(&ModeName::needs_bake), any(&ModeName::is_shaded));
+    let opened =
+        Opened::read(look.file, Opening { scene: look.scene, environment: None, needs_light, finish })?;
     let surface = opened.scenery.surface(&file, &opened.options)?;
     let light = opened.recipe.as_ref().map(|_| FileLight::read(&surface, &file)).transpose()?;
     let tracer = Tracer::new(surface.casters(), &surface).map_err(BakeError::from)?;
@@ -111,13 +127,18 @@ pub fn in_studio<T>(
         let what = format!("--layer is {}, but there are {}", look.layer, layers.layers.len());
         return Err(Failure::new(Exit::Usage, what).remedy("layers count from 0; see `lightkiln inspect`"));
     }
+    let shaded = finish.then(|| {
+        let lamps = &opened.scenery.lighting.lights;
+        Shaded::new(&surface, &layers, light.is_some(), &opened.signals, lamps, look.exposure, look.values)
+    });
     let mut studio = Studio {
         surface: &surface,
+        shaded,
         tracer: &tracer,
         light: light.as_ref(),
         views: light.as_ref().map(FileLight::views).transpose()?,
         signal,
-        layers,
+        layers: &layers,
         layer: look.layer,
         rays: look.rays,
         values: look.values,
@@ -135,7 +156,8 @@ pub struct Studio<'a> {
     views: Option<Vec<AtlasView<'a>>>,
     signal: Box<dyn Signal + 'a>,
     /// What its values mean.
-    pub layers: Layers,
+    pub layers: &'a Layers,
+    shaded: Option<Shaded<'a>>,
     /// The layer that is shown.
     pub layer: usize,
     rays: u32,
@@ -151,6 +173,26 @@ const UNLIT: Vec3 = Vec3::new(0.05, 0.05, 0.06);
 
 /// By how much an error is magnified to be seen.
 const ERROR_GAIN: f32 = 10.0;
+
+/// Too bright is red, too dark is blue, right is white.
+fn color_of_error(error: f32) -> Vec3 {
+    let error = ERROR_GAIN * error;
+    Vec3::ONE - Vec3::new((-error).max(0.0), error.abs(), error.max(0.0)).min(Vec3::ONE)
+}
+
+/// A bar from the darkest error to the brightest that differ by their colors, with the bound.
+fn error_legend(bound: Option<f32>) -> Legend {
+    let largest = 1.0 / ERROR_GAIN;
+    let mark = |error: f32| {
+        let sign = if error > 0.0 { "+" } else { "" };
+        ((error / largest + 1.0) / 2.0, format!("{sign}{} %", (error * 1000.0).round() / 10.0))
+    };
+    let mut marks = vec![(0.5, "0".to_owned()), mark(-largest), mark(largest)];
+    let bound = bound.filter(|&bound| bound > 0.0 && bound < largest);
+    marks.extend(bound.into_iter().flat_map(|bound| [mark(-bound), mark(bound)]));
+    let colors = (-10..=10).map(|step| color_of_error(step as f32 / 10.0 * largest)).collect();
+    Legend::Bar { colors, marks }
+}
 
 impl Studio<'_> {
     /// A picture of a mode for each shot.
@@ -172,6 +214,10 @@ impl Studio<'_> {
             ModeName::Error => self.trace(shots, &|hit, _| self.error_color(hit)),
             ModeName::Classes => self.render(shots, &|hit, ray| shaped(self.class_color(hit), hit, ray)),
             ModeName::Charts => self.render(shots, &|hit, ray| shaped(self.chart_color(hit), hit, ray)),
+            ModeName::Shaded => self.shade(shots, self.smoothing(), &|hit| self.shown_units(hit)),
+            ModeName::ShadedReference => {
+                self.shade(shots, Smoothing::Everywhere, &|hit| self.traced_units(hit))
+            }
             ModeName::Point => {
                 let values = self.point_samples();
                 self.render(shots, &|hit, _| self.interpolated(&values, hit))
@@ -188,11 +234,26 @@ impl Studio<'_> {
         })
     }
 
+    /// Pictures of materials in a light.
+    fn shade(
+        &self,
+        shots: &[Shot],
+        smoothing: Smoothing,
+        units: &(dyn Fn(&Hit) -> Vec<f32> + Sync),
+    ) -> Vec<Picture> {
+        let Some(shaded) = &self.shaded else { return Vec::new() };
+        let color = |sight: Sight<'_>| shaded.color(sight, units);
+        self.subject(shots, smoothing, &color)
+    }
+
     /// Pictures of colors without noise.
     fn render(&self, shots: &[Shot], color: &Coloring<'_>) -> Vec<Picture> {
-        // Differences of light in its unit say nothing about what is seen of them.
-        let smoothing = if self.values == Values::Screen { Smoothing::Edges } else { Smoothing::Everywhere };
-        self.smoothed(shots, smoothing, color)
+        self.smoothed(shots, self.smoothing(), color)
+    }
+
+    /// Differences of light in its unit say nothing about what is seen of them.
+    fn smoothing(&self) -> Smoothing {
+        if self.values == Values::Screen { Smoothing::Edges } else { Smoothing::Everywhere }
     }
 
     /// Pictures of traced light.
@@ -204,7 +265,16 @@ impl Studio<'_> {
         let lit = self.surface.mesh.triangle_count();
         let unlit = if self.values == Values::Screen { UNLIT } else { Vec3::ZERO };
         let color = covering(|hit, ray| if hit.triangle.index() < lit { color(hit, ray) } else { unlit });
-        let subject = Subject { tracer: self.tracer, surfaces: self.surface, color: &color };
+        self.subject(shots, smoothing, &color)
+    }
+
+    fn subject(
+        &self,
+        shots: &[Shot],
+        smoothing: Smoothing,
+        color: &(dyn Fn(Sight<'_>) -> Vec4 + Sync),
+    ) -> Vec<Picture> {
+        let subject = Subject { tracer: self.tracer, surfaces: self.surface, color };
         shots.iter().map(|shot| render(&subject, &shot.camera, shot.size, smoothing)).collect()
     }
 
@@ -249,14 +319,25 @@ impl Studio<'_> {
         }
     }
 
-    /// Too bright is red, too dark is blue, right is white; as a signal, what is shown less what is traced.
+    /// The color of an error; as a signal, what is shown less what is traced.
     fn error_color(&self, hit: &Hit) -> Vec3 {
         let (shown, traced) = (self.shown_units(hit), self.traced_units(hit));
         if self.values == Values::Signal {
             return self.color(&shown) - self.color(&traced);
         }
-        let error = ERROR_GAIN * self.layers.worst(&shown, &traced, &vec![0.0; traced.len()]).0;
-        Vec3::ONE - Vec3::new((-error).max(0.0), error.abs(), error.max(0.0)).min(Vec3::ONE)
+        color_of_error(self.layers.worst(&shown, &traced, &vec![0.0; traced.len()]).0)
+    }
+
+    /// What the colors of a mode mean, where they need words.
+    pub fn legend(&self, mode: ModeName) -> Option<Legend> {
+        match mode {
+            ModeName::Error => Some(error_legend(self.light.map(|light| light.extension.max_error))),
+            ModeName::Classes => {
+                let names = ["texture", "mixed", "color"].map(str::to_owned);
+                Some(Legend::Names(CLASS_COLORS.into_iter().zip(names).collect()))
+            }
+            _ => None,
+        }
     }
 
     fn interpolated(&self, values: &[f32], hit: &Hit) -> Vec3 {

@@ -16,7 +16,7 @@ use lightkiln_fit::{Mass, Method, Regularizer};
 use lightkiln_light::{Hit, Signal, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
 use lightkiln_render::picture::{BACKGROUND, covering};
-use lightkiln_render::{Camera, Picture, Smoothing, Subject, View, render, sheet};
+use lightkiln_render::{Camera, Panel, Picture, Smoothing, Subject, View, render, sheet};
 use lightkiln_report::bytes_text;
 
 use crate::arguments::{Common, QualityName};
@@ -364,7 +364,8 @@ fn write_pictures(
         write_whole(path, &png)
     };
     if output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
-        let row: Vec<Picture> = pictures.into_iter().map(|(_, picture)| picture).collect();
+        let panel = |(caption, picture)| Panel { picture, caption, legend: None };
+        let row: Vec<Panel> = pictures.into_iter().map(panel).collect();
         return write(output, &sheet(&row, row.len()));
     }
     std::fs::create_dir_all(output).map_err(|e| Failure::writing(output, &e))?;

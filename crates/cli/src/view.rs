@@ -21,6 +21,7 @@ use crate::commands::{print, use_threads};
 use crate::files::write_whole;
 use crate::messages::{Exit, Failure};
 use crate::progress::Stages;
+use crate::shaded::Exposure;
 use crate::stations::Stations;
 use crate::studio::{Look, ModeName, Studio, Values, in_studio};
 
@@ -88,12 +89,13 @@ pub fn write_report(path: &Path, report: &Report, baked: &Path, scene: Option<us
         return write_whole(path, report.to_json().as_bytes());
     }
     let mut clock = Clock::new(&Silent);
-    let figures = in_studio(&look(baked, scene), &mut clock, figures)?;
+    let figures = in_studio(&look(baked, scene, &[ModeName::Shaded, ModeName::Light]), &mut clock, figures)?;
     write_whole(path, report_page(report, &figures).as_bytes())
 }
 
-fn look(file: &Path, scene: Option<usize>) -> Look<'_> {
-    Look { file, scene, layer: 0, rays: ERROR_RAYS, values: Values::Screen, needs_light: true }
+fn look<'a>(file: &'a Path, scene: Option<usize>, modes: &'a [ModeName]) -> Look<'a> {
+    let (layer, rays, values, exposure) = (0, ERROR_RAYS, Values::Screen, Exposure::default());
+    Look { file, scene, layer, rays, values, exposure, modes }
 }
 
 /// Width of a report's pictures in pixels.
@@ -104,7 +106,8 @@ const SHOWN_LAYERS: usize = 4;
 
 /// The pictures of a report.
 fn figures(studio: &mut Studio<'_>, clock: &mut Clock<'_>) -> Result<Vec<Figure>, Failure> {
-    let mut figures = Vec::new();
+    let shaded = "Materials in the light of the file, as docs/RENDER.md says.";
+    let mut figures = vec![figure(studio, ModeName::Shaded, "Shaded", shaded, clock)?];
     for layer in 0..studio.layers.layers.len().min(SHOWN_LAYERS) {
         studio.layer = layer;
         let name = studio.layers.layers[layer].layer.name.clone();
@@ -151,7 +154,7 @@ fn read(arguments: &View, clock: &mut Clock<'_>) -> Result<Model, Failure> {
         None => file_figures(&arguments.file)?,
     };
     if let Some(points) = arguments.trace {
-        let look = look(&arguments.file, arguments.scene);
+        let look = look(&arguments.file, arguments.scene, &[ModeName::Error]);
         in_studio(&look, clock, |studio, clock| trace(studio, points as usize, &mut gathered, clock))?;
     }
     Ok(gathered.model)

@@ -105,6 +105,20 @@ impl Light {
         Self::Directional { to_light, illuminance, angular_radius: Self::SUN_RADIUS }
     }
 
+    /// What the light gives a surface, lux, if nothing is in the way: exact for lights without size, else the mean of
+    /// a few places of it.
+    ///
+    /// - `normal`: of unit length
+    pub fn unshadowed(&self, position: Vec3, normal: Vec3) -> Vec3 {
+        let light = self.normalized();
+        let steps: u8 = if light.is_hard() { 1 } else { 4 };
+        let place = |i| (f32::from(i) + 0.5) / f32::from(steps);
+        let places = (0..steps).flat_map(|i| (0..steps).map(move |j| [place(i), place(j)]));
+        let seen = places.filter_map(|square| light.sample(position, square));
+        let sum: Vec3 = seen.map(|s| s.illuminance * normal.dot(s.direction).max(0.0)).sum();
+        sum / f32::from(steps * steps)
+    }
+
     /// One sample is all of it.
     pub(crate) fn is_hard(&self) -> bool {
         match *self {
@@ -372,5 +386,29 @@ impl Lighting {
             | Light::Quad { radiance: color, .. } => luminance(color) > 0.0,
         };
         Ok(self.lights.iter().filter(shines).map(|light| light.normalized()).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f32::consts::PI;
+
+    use super::*;
+
+    #[test]
+    fn unshadowed_light_has_the_closed_forms() {
+        let [below, up] = [Vec3::ZERO, Vec3::Y];
+        let near = |light: &Light, lux: f32| {
+            let found = light.unshadowed(below, up).x;
+            assert!((found - lux).abs() <= 0.03 * lux, "{light:?}: {found}, not {lux}");
+        };
+        let (position, range) = (Vec3::new(0.0, 2.0, 0.0), f32::INFINITY);
+        near(&Light::Sphere { position, intensity: Vec3::splat(100.0), radius: 0.0, range }, 25.0);
+        near(&Light::Sphere { position, intensity: Vec3::splat(100.0), radius: 0.3, range }, 25.0);
+        near(&Light::sun(1.0, PI / 6.0, Vec3::splat(1000.0)), 500.0);
+        // A disk seen from its axis: pi L r^2 / (r^2 + h^2).
+        let disk = Light::Disk { position, direction: -up, radius: 1.0, radiance: Vec3::splat(10.0) };
+        near(&disk, PI * 10.0 / 5.0);
+        assert_eq!(disk.unshadowed(below, -up), Vec3::ZERO);
     }
 }

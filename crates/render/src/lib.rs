@@ -9,16 +9,21 @@
 //! | [`camera`] | where a picture is taken from |
 //! | [`sight`] | what lies along a ray, front to back |
 //! | [`picture`] | pixels, PNG |
-//! | [`sheet`] | pictures in rows and columns |
+//! | [`shade`], [`tone`] | materials in a light, and what a screen shows of them |
+//! | [`sheet`], [`letters`] | pictures in rows and columns, with captions and legends |
 
 pub mod camera;
 mod error;
+pub mod letters;
 pub mod picture;
+pub mod shade;
 pub mod sheet;
 pub mod sight;
+pub mod tone;
 
 pub use camera::{Camera, Lens, Ray, View};
 pub use error::RenderError;
 pub use picture::{Picture, Smoothing, Subject, render};
-pub use sheet::sheet;
+pub use sheet::{Legend, Panel, sheet};
 pub use sight::Sight;
+pub use tone::Tone;

@@ -1,9 +1,9 @@
 //! Images of materials: each is decoded once, and only the channels that somebody looks at are kept, 8 bits a
 //! channel.
 //!
-//! Colors are kept at no more than [`COLOR_TEXELS`] texels a side: they feed bounced light, which has no use of
-//! finer detail, and a file with sixty images of 4096² would fill memory by them alone. Coverage and
-//! transmission keep every texel, as they draw the outlines of shadows.
+//! Colors, and metalness with roughness, are kept at no more than [`COLOR_TEXELS`] texels a side: they feed bounced
+//! light, which has no use of finer detail, and a file with sixty images of 4096² would fill memory by them alone.
+//! Coverage and transmission keep every texel, as they draw the outlines of shadows.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -30,6 +30,8 @@ pub(crate) struct Wanted {
     pub alpha: bool,
     pub color: bool,
     pub red: bool,
+    /// All three channels, which are no color.
+    pub plain: bool,
 }
 
 /// A decoded image, as far as it was wanted.
@@ -38,6 +40,7 @@ pub(crate) struct Channels {
     pub alpha: Option<Arc<Plane>>,
     pub color: Option<Arc<Colors>>,
     pub red: Option<Arc<Plane>>,
+    pub plain: Option<Arc<Colors>>,
 }
 
 /// One channel, linear.
@@ -47,11 +50,37 @@ pub(crate) struct Plane {
     values: Vec<u8>,
 }
 
-/// Three channels, sRGB.
+/// Three channels.
 #[derive(Debug)]
 pub(crate) struct Colors {
     size: [usize; 2],
+    coding: Coding,
     values: Vec<[u8; 3]>,
+}
+
+/// What the 8 bits of a channel are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Coding {
+    /// sRGB, as colors are.
+    Color,
+    /// A share, as the file has it.
+    Plain,
+}
+
+impl Coding {
+    fn decode(self, rgb: [u8; 3]) -> Vec3 {
+        Vec3::from_array(match self {
+            Self::Color => rgb.map(|c| LINEAR[usize::from(c)]),
+            Self::Plain => rgb.map(|c| f32::from(c) / 255.0),
+        })
+    }
+
+    fn encode(self, value: Vec3) -> [u8; 3] {
+        match self {
+            Self::Color => value.to_array().map(encoded),
+            Self::Plain => value.to_array().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8),
+        }
+    }
 }
 
 /// An image and how a material looks it up: bilinearly, at the level that is kept.
@@ -79,10 +108,7 @@ impl Sampled<Colors> {
     /// Linear, 0..=1.
     pub fn at(&self, uv: [f32; 2]) -> Vec3 {
         let size = self.image.size;
-        let texel = |x, y| {
-            let rgb: [u8; 3] = self.image.values[y * size[0] + x];
-            Vec3::from_array(rgb.map(|c| LINEAR[usize::from(c)]))
-        };
+        let texel = |x, y| self.image.coding.decode(self.image.values[y * size[0] + x]);
         self.mapping.cell(uv, size).mix(texel)
     }
 
@@ -126,7 +152,7 @@ pub(crate) fn warn(wanted: Wanted, place: Place, warnings: &mut Warnings) {
     if wanted.alpha {
         warnings.add("alpha of textures that cannot be decoded is taken as 1", 1, place.clone());
     }
-    if wanted.color || wanted.red {
+    if wanted.color || wanted.red || wanted.plain {
         let message =
             "textures that cannot be decoded (no PNG, JPEG or WebP) are left out; their factor is used";
         warnings.add(message, 1, place);
@@ -182,24 +208,28 @@ fn channels(pixels: &image::DynamicImage, wanted: Wanted) -> Channels {
         let values = pixels.to_rgba8().pixels().map(|p| p.0[3]).collect();
         out.alpha = Some(Arc::new(Plane { size, values }));
     }
-    if wanted.color || wanted.red {
+    if wanted.color || wanted.red || wanted.plain {
         let rgb = pixels.to_rgb8();
         if wanted.red {
             let values = rgb.pixels().map(|p| p.0[0]).collect();
             out.red = Some(Arc::new(Plane { size, values }));
         }
+        let all = |coding| Some(Arc::new(averaged(size, coding, rgb.pixels().map(|p| p.0).collect())));
         if wanted.color {
-            out.color = Some(Arc::new(averaged(size, rgb.pixels().map(|p| p.0).collect())));
+            out.color = all(Coding::Color);
+        }
+        if wanted.plain {
+            out.plain = all(Coding::Plain);
         }
     }
     out
 }
 
 /// Means over whole blocks, taken of linear values, until no side is too long.
-fn averaged(size: [usize; 2], values: Vec<[u8; 3]>) -> Colors {
+fn averaged(size: [usize; 2], coding: Coding, values: Vec<[u8; 3]>) -> Colors {
     let block = size.map(|n| n.div_ceil(COLOR_TEXELS));
     if block == [1, 1] {
-        return Colors { size, values };
+        return Colors { size, coding, values };
     }
     let small = [0, 1].map(|k| size[k].div_ceil(block[k]));
     let mut out = Vec::with_capacity(small[0] * small[1]);
@@ -209,15 +239,15 @@ fn averaged(size: [usize; 2], values: Vec<[u8; 3]>) -> Colors {
             let [right, bottom] = [(left + block[0]).min(size[0]), (top + block[1]).min(size[1])];
             let mut sum = Vec3::ZERO;
             for row in top..bottom {
-                for rgb in &values[row * size[0] + left..row * size[0] + right] {
-                    sum += Vec3::from_array(rgb.map(|c| LINEAR[usize::from(c)]));
+                for &rgb in &values[row * size[0] + left..row * size[0] + right] {
+                    sum += coding.decode(rgb);
                 }
             }
             let mean = sum / ((right - left) * (bottom - top)) as f32;
-            out.push(mean.to_array().map(encoded));
+            out.push(coding.encode(mean));
         }
     }
-    Colors { size: small, values: out }
+    Colors { size: small, coding, values: out }
 }
 
 /// The 8-bit sRGB value of a linear one.
@@ -240,11 +270,14 @@ mod tests {
     fn images_averaged_keeps_the_light() {
         // Columns of black and white: half the light, not half the code.
         let size = [2 * COLOR_TEXELS, 3];
-        let values = (0..size[0] * size[1]).map(|i| [if i % 2 == 0 { 255 } else { 0 }; 3]).collect();
-        let small = averaged(size, values);
+        let column = |i| [if i % 2 == 0 { 255 } else { 0 }; 3];
+        let values: Vec<[u8; 3]> = (0..size[0] * size[1]).map(column).collect();
+        let small = averaged(size, Coding::Color, values.clone());
         assert_eq!(small.size, [COLOR_TEXELS, 3]);
         assert!(small.values.iter().all(|v| *v == [188; 3]));
-        let odd = averaged([COLOR_TEXELS + 1, 1], vec![[9, 9, 9]; COLOR_TEXELS + 1]);
+        let plain = averaged(size, Coding::Plain, values);
+        assert!(plain.values.iter().all(|v| *v == [128; 3]));
+        let odd = averaged([COLOR_TEXELS + 1, 1], Coding::Color, vec![[9, 9, 9]; COLOR_TEXELS + 1]);
         assert_eq!(odd.size, [COLOR_TEXELS / 2 + 1, 1]);
         assert!(odd.values.iter().all(|v| *v == [9; 3]));
     }

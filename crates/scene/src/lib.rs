@@ -83,6 +83,6 @@ pub use names::ErrorKind;
 pub use profile::Profile;
 pub use roles::Roles;
 pub use scene::{Glass, Part, ReadOptions, Scene, TriangleFlags};
-pub use surface::{EmissiveTriangle, MAX_ALBEDO};
+pub use surface::{EmissiveTriangle, Finish, MAX_ALBEDO};
 pub use texture::{Slot, Textures};
 pub use write::{LayerWritten, PartWritten, Written, WrittenFile, write};

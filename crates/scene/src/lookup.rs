@@ -19,6 +19,8 @@ pub(crate) struct Lookup {
     pub base: Option<Coordinates>,
     pub glow: Option<Coordinates>,
     pub passes: Option<Coordinates>,
+    pub gloss: Option<Coordinates>,
+    pub occluded: Option<Coordinates>,
     pub color: Option<Arc<Vec<[u16; 3]>>>,
     pub alpha: Option<Arc<Vec<f32>>>,
 }
@@ -91,6 +93,8 @@ impl Attributes {
             out.base = read(base.map(|m| m.set))?;
             out.glow = read(m.glow.as_ref().map(|t| t.mapping.set))?;
             out.passes = read(m.passes.as_ref().map(|t| t.mapping.set))?;
+            out.gloss = read(m.gloss.as_ref().map(|t| t.mapping.set))?;
+            out.occluded = read(m.occluded.as_ref().map(|t| t.mapping.set))?;
         }
         let covers = material.is_some_and(Material::is_translucent);
         let Some(accessor) = attribute(document, primitive, "COLOR_0")?.filter(|_| covers || surfaces) else {

@@ -11,6 +11,8 @@ use crate::images::{self, Channels, Colors, Plane, Sampled, Wanted, foreign_sour
 use crate::scene::{Glass, ReadOptions};
 use crate::texture::{Mapping, texture_of};
 
+const GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
+
 /// How alpha becomes coverage (glTF 2.0, 3.9.4).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AlphaMode {
@@ -46,10 +48,18 @@ pub struct Material {
     pub emission: [f32; 3],
     /// KHR_materials_unlit: shows its color whatever the light.
     pub unlit: bool,
+    /// The metallic factor, 0..=1; 0 where KHR_materials_pbrSpecularGlossiness is used.
+    pub metallic: f32,
+    /// The roughness factor, 0..=1; what is missing to 1 in the glossiness factor of that extension.
+    pub roughness: f32,
+    /// Strength of the occlusion texture, 0..=1.
+    pub(crate) occlusion: f32,
     pub(crate) coverage: Option<Sampled<Plane>>,
     pub(crate) base: Option<Sampled<Colors>>,
     pub(crate) glow: Option<Sampled<Colors>>,
     pub(crate) passes: Option<Sampled<Plane>>,
+    pub(crate) gloss: Option<Sampled<Colors>>,
+    pub(crate) occluded: Option<Sampled<Plane>>,
 }
 
 impl Material {
@@ -80,7 +90,7 @@ impl Material {
 /// Base color of a material: the factor, and the texture info. The diffuse color of
 /// KHR_materials_pbrSpecularGlossiness comes first, as the extension demands.
 pub(crate) fn base_color(material: &Value) -> ([f32; 4], Option<&Value>) {
-    let (owner, factor, texture) = match extension(material, "KHR_materials_pbrSpecularGlossiness") {
+    let (owner, factor, texture) = match extension(material, GLOSSINESS) {
         Some(glossy) => (Some(glossy), "diffuseFactor", "diffuseTexture"),
         None => (material.get("pbrMetallicRoughness"), "baseColorFactor", "baseColorTexture"),
     };
@@ -95,6 +105,8 @@ struct Slots {
     base: Option<(usize, Mapping)>,
     glow: Option<(usize, Mapping)>,
     passes: Option<(usize, Mapping)>,
+    gloss: Option<(usize, Mapping)>,
+    occluded: Option<(usize, Mapping)>,
 }
 
 /// Reads all materials; images are decoded only for materials of `used`, and only where they matter.
@@ -118,6 +130,7 @@ pub(crate) fn read_materials(
                     sum.alpha |= want.alpha;
                     sum.color |= want.color;
                     sum.red |= want.red;
+                    sum.plain |= want.plain;
                 }
                 Ok(found)
             };
@@ -137,6 +150,14 @@ pub(crate) fn read_materials(
                     slots.passes = slot(info, Wanted { red: true, ..Wanted::default() })?;
                 }
             }
+            if options.finish {
+                let info = json.get("pbrMetallicRoughness").and_then(|m| m.get("metallicRoughnessTexture"));
+                let glossy = extension(json, GLOSSINESS).is_some();
+                let info = info.filter(|_| !glossy);
+                slots.gloss = slot(info, Wanted { plain: true, ..Wanted::default() })?;
+                let info = json.get("occlusionTexture");
+                slots.occluded = slot(info, Wanted { red: true, ..Wanted::default() })?;
+            }
         }
         out.push(material);
         all.push(slots);
@@ -147,6 +168,8 @@ pub(crate) fn read_materials(
         material.base = sampled(slots.base, &decoded, |c| &c.color);
         material.glow = sampled(slots.glow, &decoded, |c| &c.color);
         material.passes = sampled(slots.passes, &decoded, |c| &c.red);
+        material.gloss = sampled(slots.gloss, &decoded, |c| &c.plain);
+        material.occluded = sampled(slots.occluded, &decoded, |c| &c.red);
     }
     Ok(out)
 }
@@ -170,6 +193,14 @@ fn read_factors(json: &Value, options: &ReadOptions) -> Material {
         .max(0.0);
     let emissive = numbers::<3>(json, "emissiveFactor").ok().flatten().filter(|_| !unlit);
     let [r, g, b, alpha] = base_color(json).0.map(|v| v.clamp(0.0, 1.0));
+    let (metallic, roughness) = match extension(json, GLOSSINESS) {
+        Some(glossy) => (0.0, 1.0 - number(glossy, "glossinessFactor", 1.0)),
+        None => {
+            let owner = json.get("pbrMetallicRoughness").unwrap_or(&Value::Null);
+            (number(owner, "metallicFactor", 1.0), number(owner, "roughnessFactor", 1.0))
+        }
+    };
+    let occlusion = json.get("occlusionTexture").map_or(1.0, |info| number(info, "strength", 1.0));
     Material {
         name: name(json),
         alpha_mode,
@@ -179,10 +210,15 @@ fn read_factors(json: &Value, options: &ReadOptions) -> Material {
         base_color: [r, g, b],
         emission: emissive.unwrap_or([0.0; 3]).map(|e| (e.clamp(0.0, 1e30) as f32 * strength).min(1e30)),
         unlit,
+        metallic: metallic.clamp(0.0, 1.0),
+        roughness: roughness.clamp(0.0, 1.0),
+        occlusion: occlusion.clamp(0.0, 1.0),
         coverage: None,
         base: None,
         glow: None,
         passes: None,
+        gloss: None,
+        occluded: None,
     }
 }
 

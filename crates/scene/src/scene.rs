@@ -33,6 +33,9 @@ pub struct ReadOptions {
     /// [`Scene::triangle_transmission`], which takes time and memory; without, these know factors alone.
     /// Lights that make no sense are errors with it, and are left out without.
     pub surfaces: bool,
+    /// Whether textures of metalness, roughness and occlusion are read for [`Scene::triangle_finish`], which wants
+    /// `surfaces` as well; without, it knows factors alone.
+    pub finish: bool,
     /// What KHR_materials_transmission does.
     pub glass: Glass,
     /// The variant (KHR_materials_variants) whose materials are shown, by its name; `None` takes the primitives' own.
@@ -41,7 +44,14 @@ pub struct ReadOptions {
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { scene: None, max_triangles: 1 << 28, surfaces: false, glass: Glass::Tinted, variant: None }
+        Self {
+            scene: None,
+            max_triangles: 1 << 28,
+            surfaces: false,
+            finish: false,
+            glass: Glass::Tinted,
+            variant: None,
+        }
     }
 }
 

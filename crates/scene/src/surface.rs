@@ -13,6 +13,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::images::{Colors, Plane, Sampled};
 use crate::lookup::{Lookup, Point};
 use crate::material::Material;
 use crate::scene::Scene;
@@ -34,7 +35,61 @@ pub struct EmissiveTriangle {
     pub mean_emission: [f32; 3],
 }
 
+/// What a point of a triangle looks like: its material after all textures and vertex colors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Finish {
+    /// Linear RGB, 0..=1.
+    pub base_color: [f32; 3],
+    /// 0 for dielectrics, 1 for metals.
+    pub metallic: f32,
+    /// 0 for mirrors, 1 for what has no gloss.
+    pub roughness: f32,
+    /// What the occlusion texture leaves of light from all around, 0..=1.
+    pub occlusion: f32,
+    /// Share that is not a hole, 0..=1.
+    pub covered: f32,
+    /// Share of the light on the covered part that passes through, 0..=1.
+    pub passes: f32,
+    /// KHR_materials_unlit: shows its color whatever the light.
+    pub unlit: bool,
+}
+
 impl Scene {
+    /// What a point of a triangle looks like; white without a material. Emission is [`Self::triangle_emission`].
+    ///
+    /// - `barycentric`: weights of the second and third corner
+    ///
+    /// Deviation from KHR_materials_pbrSpecularGlossiness: its specular color and its texture are not looked at.
+    pub fn triangle_finish(&self, part: usize, triangle: usize, barycentric: [f32; 2]) -> Finish {
+        let (material, lookup) = self.surface(part, triangle);
+        let point = Point::new(self.gltf_corners(part, triangle), barycentric);
+        let base_color = base_color(material, lookup, &point).clamp(Vec3::ZERO, Vec3::ONE).to_array();
+        let plain = Finish {
+            base_color,
+            metallic: 0.0,
+            roughness: 1.0,
+            occlusion: 1.0,
+            covered: 1.0,
+            passes: 0.0,
+            unlit: false,
+        };
+        material.map_or(plain, |material| {
+            let at = |texture: &Sampled<Colors>| texture.at(point.uv(lookup.gloss.as_ref()));
+            let gloss = material.gloss.as_ref().map_or(Vec3::ONE, at);
+            let at = |texture: &Sampled<Plane>| texture.at(point.uv(lookup.occluded.as_ref()));
+            let occluded = material.occluded.as_ref().map_or(1.0, at);
+            Finish {
+                base_color,
+                metallic: material.metallic * gloss.z,
+                roughness: material.roughness * gloss.y,
+                occlusion: 1.0 + material.occlusion * (occluded - 1.0),
+                covered: material.covered(point.uv(lookup.base.as_ref()), point.alpha(lookup)),
+                passes: passes(material, lookup, &point),
+                unlit: material.unlit,
+            }
+        })
+    }
+
     /// Coverage of a point of a triangle, 0..=1: alpha of MASK and BLEND materials times what transmission does not
     /// let through; 1 for opaque ones.
     ///

@@ -274,3 +274,28 @@ fn surface_of_real_files_is_finite_and_plausible() {
         }
     }
 }
+
+#[test]
+fn surface_finish_is_factors_times_textures() {
+    let gloss = [[255, 64, 128, 255], [255, 128, 255, 255], [0; 4], [0; 4]];
+    let occlusion = [[0, 255, 255, 255], [255; 4], [255; 4], [255; 4]];
+    let pbr = json!({"metallicFactor": 0.5, "roughnessFactor": 0.8,
+        "metallicRoughnessTexture": {"index": 0}});
+    let material = json!({"pbrMetallicRoughness": pbr, "occlusionTexture": {"index": 1, "strength": 0.6}});
+    let g = quad(material, &[gloss, occlusion]);
+    let finish = |options: &ReadOptions| {
+        let scene = Scene::read_bytes(&g.glb(), options).unwrap();
+        [FIRST, SECOND].map(|at| scene.triangle_finish(0, 0, at))
+    };
+    let [first, second] = finish(&ReadOptions { finish: true, ..surfaces() });
+    close([first.metallic, first.roughness, first.occlusion], [0.251, 0.2008, 0.4]);
+    close([second.metallic, second.roughness, second.occlusion], [0.5, 0.4016, 1.0]);
+    assert_eq!((first.base_color, first.covered, first.passes), ([1.0; 3], 1.0, 0.0));
+    // Without being asked for, no image is decoded.
+    let [first, _] = finish(&surfaces());
+    assert_eq!((first.metallic, first.roughness, first.occlusion), (0.5, 0.8, 1.0));
+    let glossy = json!({"KHR_materials_pbrSpecularGlossiness": {"glossinessFactor": 0.75}});
+    let g = quad(json!({"pbrMetallicRoughness": {"metallicFactor": 1}, "extensions": glossy}), &[]);
+    let finish = read(&g).triangle_finish(0, 0, FIRST);
+    assert_eq!((finish.metallic, finish.roughness), (0.0, 0.25));
+}
