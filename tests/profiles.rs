@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use harness::room::room;
 use harness::{Folder, bake, data, draft, fail, glb, glb_parts, lightkiln, succeed};
-use lightkiln_bake::{FileLight, Opened};
+use lightkiln_bake::{FileLight, Opened, Opening};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
 use lightkiln_texel::{PngDepth, read_png, write_png};
 use serde_json::{Value, json};
@@ -77,7 +77,7 @@ fn image(root: &Value, binary: &[u8], texture: &Value) -> lightkiln_texel::Image
 
 /// What a file shows in the middle of each triangle and near its corners, as its viewers do.
 fn shown(path: &Path) -> Vec<(bool, f32)> {
-    let opened = Opened::read(path, None, None, true).unwrap();
+    let opened = Opened::read(path, Opening { needs_light: true, ..Opening::default() }).unwrap();
     let surface = opened.scenery.surface("file", &opened.options).unwrap();
     let light = FileLight::read(&surface, "file").unwrap();
     let views = light.views().unwrap();

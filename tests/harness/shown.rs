@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::Vec3;
-use lightkiln_bake::{FileLight, Opened};
+use lightkiln_bake::{FileLight, Opened, Opening};
 use lightkiln_mesh::{SurfacePoint, random};
 
 /// A point of the surface and its light.
@@ -28,7 +28,8 @@ pub fn shown(path: &Path) -> Vec<Shown> {
 
 /// The light at some points of every triangle that has any: the first of them is its middle.
 pub fn shown_at(path: &Path, points: u32) -> Vec<Shown> {
-    let opened = Opened::read(path, None, None, true).expect("a baked file");
+    let opened =
+        Opened::read(path, Opening { needs_light: true, ..Opening::default() }).expect("a baked file");
     let surface = opened.scenery.surface("out.glb", &opened.options).expect("a surface");
     let light = FileLight::read(&surface, "out.glb").expect("light");
     let views = light.views().expect("images");

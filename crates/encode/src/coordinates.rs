@@ -173,7 +173,7 @@ mod tests {
         /// Places of codes are read back exactly on every page, and colors within a step.
         #[test]
         fn coordinates_of_codes_are_read_back(
-            blocks in [1_u32..=1024, 0_u32..1024], x in 0.0_f32..1.0, y in 0.0_f32..1.0, value in 0.0_f32..=1.0,
+            blocks in [1_u32..=1024, 0_u32..=1023], x in 0.0_f32..1.0, y in 0.0_f32..1.0, value in 0.0_f32..=1.0,
         ) {
             let charts = blocks.map(|b| b * 4);
             let coordinates = Coordinates::with_strip(charts);

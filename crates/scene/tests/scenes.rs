@@ -55,13 +55,14 @@ fn made_up(scene: &Scene, every: usize) -> BakedLight {
             .as_object()
             .unwrap()
             .clone(),
+        texture: None,
     };
     BakedLight {
         parts: parts.collect(),
         layers: vec![layer("ambientOcclusion", 1), layer("irradiance", 3)],
         extension: ExtensionInfo { root: serde_json::json!({"generator": "a test"}) },
         fallback: Fallback::Color0,
-        remove: Vec::new(),
+        ..BakedLight::default()
     }
 }
 

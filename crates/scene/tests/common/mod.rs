@@ -134,7 +134,7 @@ pub fn light(scene: &Scene, by_triangle: bool) -> BakedLight {
         layers: vec![layer("ambientOcclusion", 1, 1)],
         extension: ExtensionInfo { root: json!({"generator": "a test"}) },
         fallback: Fallback::Color0,
-        remove: Vec::new(),
+        ..BakedLight::default()
     }
 }
 
@@ -149,8 +149,8 @@ pub fn layer(signal: &str, channels: usize, pages: usize) -> LayerFiles {
     let info = json!({"signal": signal, "channels": channels, "curve": "linear", "range": [0, 1]});
     LayerFiles {
         pages: vec![png(&image::RgbaImage::new(4, 4)); pages],
-        table: None,
         info: info.as_object().unwrap().clone(),
+        ..LayerFiles::default()
     }
 }
 
