@@ -14,24 +14,23 @@ use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
 use crate::assembly::Rows;
-use crate::pcg::TOLERANCE;
+use crate::pairs::{Paired, Pairs};
+use crate::pcg::{CHUNK, TOLERANCE};
 use crate::system::Sheet;
 
-/// Rows worked on at a time.
-const CHUNK: usize = 2048;
 /// The most that one round of single precision takes off the error.
 const ROUND: f64 = 1e-5;
 /// Rounds before the channel is given back to conjugate gradients.
 const ROUNDS: usize = 8;
 
-/// Smallest and largest eigenvalue of `D⁻¹ A`, as conjugate gradients found them.
+/// Smallest and largest eigenvalue of `M⁻¹ A`, as conjugate gradients found them; `M` is the diagonal with its pairs.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spectrum {
     pub least: f64,
     pub most: f64,
 }
 
-/// `D⁻¹ A` in single precision with columns counted from the sheet's first.
+/// `M⁻¹ A` in single precision with columns counted from the sheet's first.
 struct Chunk {
     starts: Vec<u32>,
     entries: Vec<(u32, f32)>,
@@ -61,14 +60,21 @@ impl Chebyshev {
 
     /// Solves for `width` interleaved channels: `x` holds the right-hand side and becomes the solution. `None`
     /// leaves it as it was: it did not converge.
-    pub fn solve(&self, rows: &Rows, sheet: &Sheet, x: &mut [f64], width: usize) -> Option<usize> {
+    pub fn solve(
+        &self,
+        rows: &Rows,
+        sheet: &Sheet,
+        pairs: &Pairs,
+        x: &mut [f64],
+        width: usize,
+    ) -> Option<usize> {
         match width {
-            1 => self.run::<1>(rows, sheet, x),
-            2 => self.run::<2>(rows, sheet, x),
-            3 => self.run::<3>(rows, sheet, x),
-            4 => self.run::<4>(rows, sheet, x),
-            5..=8 => self.padded::<8>(rows, sheet, x, width),
-            9..=16 => self.padded::<16>(rows, sheet, x, width),
+            1 => self.run::<1>(rows, sheet, pairs, x),
+            2 => self.run::<2>(rows, sheet, pairs, x),
+            3 => self.run::<3>(rows, sheet, pairs, x),
+            4 => self.run::<4>(rows, sheet, pairs, x),
+            5..=8 => self.padded::<8>(rows, sheet, pairs, x, width),
+            9..=16 => self.padded::<16>(rows, sheet, pairs, x, width),
             _ => None,
         }
     }
@@ -77,27 +83,34 @@ impl Chebyshev {
         &self,
         rows: &Rows,
         sheet: &Sheet,
+        pairs: &Pairs,
         x: &mut [f64],
         width: usize,
     ) -> Option<usize> {
         if width == W {
-            return self.run::<W>(rows, sheet, x);
+            return self.run::<W>(rows, sheet, pairs, x);
         }
         let mut wide = vec![0.0; x.len() / width * W];
         for (wide, x) in wide.chunks_exact_mut(W).zip(x.chunks_exact(width)) {
             wide[..width].copy_from_slice(x);
         }
-        let steps = self.run::<W>(rows, sheet, &mut wide)?;
+        let steps = self.run::<W>(rows, sheet, pairs, &mut wide)?;
         for (wide, x) in wide.chunks_exact(W).zip(x.chunks_exact_mut(width)) {
             x.copy_from_slice(&wide[..width]);
         }
         Some(steps)
     }
 
-    fn run<const W: usize>(&self, rows: &Rows, sheet: &Sheet, rhs: &mut [f64]) -> Option<usize> {
+    fn run<const W: usize>(
+        &self,
+        rows: &Rows,
+        sheet: &Sheet,
+        pairs: &Pairs,
+        rhs: &mut [f64],
+    ) -> Option<usize> {
         let arch = Arch::new();
         let first = sheet.unknowns().start;
-        let chunks = self.chunks.get_or_init(|| scaled(rows, sheet));
+        let chunks = self.chunks.get_or_init(|| scaled(rows, sheet, pairs));
         let (low, high) = (0.95 * self.spectrum.least, 1.03 * self.spectrum.most);
         let (middle, half) = (0.5 * (high + low), (0.5 * (high - low)).max(1e-3 * high));
         let root = (high / low).sqrt();
@@ -136,15 +149,14 @@ impl Chebyshev {
         let mut taken = 0;
         let mut solved = false;
         for round in 0..ROUNDS {
-            // D⁻¹ (b - A x), and its size beside that of x.
+            // M⁻¹ (b - A x), and its size beside that of x.
             let sizes: Vec<[[f64; W]; 2]> = goal
                 .par_chunks_mut(CHUNK)
-                .zip(rhs.par_chunks(CHUNK))
                 .enumerate()
-                .map(|(c, (goal, rhs))| {
-                    let from = c * CHUNK;
+                .map(|(c, goal)| {
                     let x = (round > 0).then_some(&*x);
-                    arch.dispatch(Residual { rows, first, from, rhs, x, scale: &scale, goal })
+                    let (from, pairs) = (c * CHUNK, pairs.of(c));
+                    arch.dispatch(Residual { rows, pairs, first, from, rhs, x, scale: &scale, goal })
                 })
                 .collect();
             let residual = largest(sizes.iter().map(|s| s[0]).collect());
@@ -212,9 +224,10 @@ fn largest<const W: usize>(parts: Vec<[f64; W]>) -> [f64; W] {
     })
 }
 
-/// `D⁻¹ (b - A x)` of one chunk, scaled; without `x` it is taken as zero. Gives the largest entries of it and of `x`.
+/// `M⁻¹ (b - A x)` of one chunk, scaled; without `x` it is taken as zero. Gives the largest entries of it and of `x`.
 struct Residual<'a, const W: usize> {
     rows: &'a Rows,
+    pairs: &'a [Paired],
     first: usize,
     from: usize,
     rhs: &'a [[f64; W]],
@@ -223,33 +236,51 @@ struct Residual<'a, const W: usize> {
     goal: &'a mut [[f32; W]],
 }
 
+impl<const W: usize> Residual<'_, W> {
+    /// `b - A x` of one row.
+    #[inline(always)]
+    fn row(&self, row: usize) -> [f64; W] {
+        let mut sum = self.rhs[row];
+        if let Some(x) = self.x {
+            let (columns, entries) = self.rows.row(self.first + row);
+            for (&column, &entry) in columns.iter().zip(entries) {
+                let other = &x[column as usize - self.first];
+                for k in 0..W {
+                    sum[k] -= entry * other[k];
+                }
+            }
+        }
+        sum
+    }
+}
+
 impl<const W: usize> NullaryFnOnce for Residual<'_, W> {
     type Output = [[f64; W]; 2];
 
     #[inline(always)]
     fn call(self) -> Self::Output {
-        let Self { rows, first, from, rhs, x, scale, goal } = self;
         let (mut most, mut reach) = ([0.0_f64; W], [0.0_f64; W]);
-        for (i, (goal, rhs)) in goal.iter_mut().zip(rhs).enumerate() {
-            let mut sum = *rhs;
-            if let Some(x) = x {
-                let (columns, entries) = rows.row(first + from + i);
-                for (&column, &entry) in columns.iter().zip(entries) {
-                    let other = &x[column as usize - first];
-                    for k in 0..W {
-                        sum[k] -= entry * other[k];
-                    }
+        let mut pairs = self.pairs.iter().peekable();
+        for i in 0..self.goal.len() {
+            let row = self.from + i;
+            let sum = self.row(row);
+            let d = 1.0 / self.rows.diagonal(self.first + row);
+            let mut left = sum.map(|s| s * d);
+            if let Some(pair) = pairs.next_if(|p| p.row as usize == row) {
+                let beyond = pair.beyond(&sum, &self.row(pair.partner as usize));
+                for k in 0..W {
+                    left[k] += beyond[k];
                 }
-                let here = &x[from + i];
+            }
+            for k in 0..W {
+                most[k] = if left[k].abs() <= most[k] { most[k] } else { left[k].abs() };
+                self.goal[i][k] = (left[k] * self.scale[k]) as f32;
+            }
+            if let Some(x) = self.x {
+                let here = &x[row];
                 for k in 0..W {
                     reach[k] = if here[k].abs() > reach[k] { here[k].abs() } else { reach[k] };
                 }
-            }
-            let d = 1.0 / rows.diagonal(first + from + i);
-            for k in 0..W {
-                let left = sum[k] * d;
-                most[k] = if left.abs() <= most[k] { most[k] } else { left.abs() };
-                goal[k] = (left * scale[k]) as f32;
             }
         }
         [most, reach]
@@ -293,22 +324,34 @@ impl<const W: usize> NullaryFnOnce for Step<'_, W> {
     }
 }
 
-fn scaled(rows: &Rows, sheet: &Sheet) -> Vec<Chunk> {
+fn scaled(rows: &Rows, sheet: &Sheet, pairs: &Pairs) -> Vec<Chunk> {
     let unknowns = sheet.unknowns();
+    let first = unknowns.start;
     (0..unknowns.len().div_ceil(CHUNK))
         .into_par_iter()
         .map(|c| {
             let mut chunk = Chunk { starts: vec![0], entries: Vec::with_capacity(CHUNK * 13) };
-            let from = unknowns.start + c * CHUNK;
+            let from = first + c * CHUNK;
+            let mut paired = pairs.of(c).iter().peekable();
             for unknown in from..(from + CHUNK).min(unknowns.end) {
                 let scale = 1.0 / rows.diagonal(unknown);
-                let (columns, entries) = rows.row(unknown);
-                chunk.entries.extend(
-                    columns
-                        .iter()
-                        .zip(entries)
-                        .map(|(&column, entry)| (column - unknowns.start as u32, (entry * scale) as f32)),
-                );
+                let of = |unknown: usize, scale: f64| {
+                    let (columns, entries) = rows.row(unknown);
+                    columns.iter().zip(entries).map(move |(&c, &e)| (c - first as u32, e * scale))
+                };
+                match paired.next_if(|p| first + p.row as usize == unknown) {
+                    None => chunk.entries.extend(of(unknown, scale).map(|(c, e)| (c, e as f32))),
+                    Some(pair) => {
+                        let own = of(unknown, scale + pair.own);
+                        let other = of(first + pair.partner as usize, pair.other);
+                        let mut both: Vec<(u32, f64)> = own.chain(other).collect();
+                        both.sort_by_key(|e| e.0);
+                        let joined = both.chunk_by(|a, b| a.0 == b.0);
+                        chunk
+                            .entries
+                            .extend(joined.map(|e| (e[0].0, e.iter().map(|e| e.1).sum::<f64>() as f32)));
+                    }
+                }
                 chunk.starts.push(chunk.entries.len() as u32);
             }
             chunk

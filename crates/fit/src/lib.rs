@@ -9,6 +9,7 @@
 //! | `assembly` | the normal matrix in compressed rows | Schaefer eq. 3-4; Kavan eq. 4, 9 |
 //! | `finish` | the guard and the bounds | Kavan 3.3 |
 //! | `solve` | one solver per sheet | Kavan 3.3 |
+//! | `pairs` | the diagonal with its strongest pairs as a preconditioner | |
 //! | `pcg` | conjugate gradients with measured convergence | |
 //! | `optimum` | the quadratic program under bounds | Kavan 3.3 |
 //! | [`energy`](mod@energy) | error, noise, contrast, gradient jumps | Kavan eq. 1, table 1 |
@@ -30,6 +31,7 @@ mod finish;
 pub mod observations;
 mod optimum;
 pub mod options;
+mod pairs;
 mod pcg;
 mod schwarz;
 pub mod simple;

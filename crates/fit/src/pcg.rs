@@ -1,4 +1,4 @@
-//! Conjugate gradients preconditioned by the diagonal or by overlapping blocks, with measured convergence.
+//! Conjugate gradients preconditioned by the diagonal with its pairs or by overlapping blocks, with measured convergence.
 //!
 //! Mass matrices of linear triangles have a condition, after division by the diagonal, that no triangle shape
 //! can spoil (Wathen 1987), and our edge term is bounded by the mass around it: some 20 to 50 iterations then
@@ -11,12 +11,13 @@ use rayon::prelude::*;
 
 use crate::assembly::Rows;
 use crate::chebyshev::Spectrum;
+use crate::pairs::Pairs;
 use crate::system::Sheet;
 
 /// Relative error, in the largest value, at which a solution is taken.
 pub(crate) const TOLERANCE: f64 = 5e-7;
-/// Unknowns summed at a time.
-const CHUNK: usize = 2048;
+/// Unknowns worked on at a time.
+pub(crate) const CHUNK: usize = 2048;
 
 /// How one run of conjugate gradients ended.
 pub(crate) enum Outcome {
@@ -34,6 +35,14 @@ pub(crate) enum Outcome {
     },
 }
 
+/// What approximates the inverse.
+#[derive(Clone, Copy)]
+pub(crate) enum Preconditioned<'a> {
+    /// The diagonal, and its pairs.
+    Diagonal(&'a Pairs),
+    Blocks(&'a dyn Preconditioner),
+}
+
 /// A symmetric positive definite approximation of the inverse.
 pub(crate) trait Preconditioner: Sync {
     /// `z = M⁻¹ r` with `width` interleaved channels.
@@ -45,20 +54,20 @@ pub(crate) trait Preconditioner: Sync {
 pub(crate) fn solve(
     rows: &Rows,
     sheet: &Sheet,
-    blocks: Option<&dyn Preconditioner>,
+    by: Preconditioned<'_>,
     x: &mut [f64],
     width: usize,
     limit: usize,
 ) -> Outcome {
     match width {
-        1 => run::<1>(rows, sheet, blocks, x, limit),
-        2 => run::<2>(rows, sheet, blocks, x, limit),
-        3 => run::<3>(rows, sheet, blocks, x, limit),
-        4 => run::<4>(rows, sheet, blocks, x, limit),
-        5 => run::<5>(rows, sheet, blocks, x, limit),
-        6 => run::<6>(rows, sheet, blocks, x, limit),
-        7 => run::<7>(rows, sheet, blocks, x, limit),
-        8 => run::<8>(rows, sheet, blocks, x, limit),
+        1 => run::<1>(rows, sheet, by, x, limit),
+        2 => run::<2>(rows, sheet, by, x, limit),
+        3 => run::<3>(rows, sheet, by, x, limit),
+        4 => run::<4>(rows, sheet, by, x, limit),
+        5 => run::<5>(rows, sheet, by, x, limit),
+        6 => run::<6>(rows, sheet, by, x, limit),
+        7 => run::<7>(rows, sheet, by, x, limit),
+        8 => run::<8>(rows, sheet, by, x, limit),
         _ => Outcome::Stalled { iterations: 0 },
     }
 }
@@ -75,7 +84,7 @@ fn add<const W: usize>(parts: Vec<Sums<W>>) -> Sums<W> {
 fn run<const W: usize>(
     rows: &Rows,
     sheet: &Sheet,
-    blocks: Option<&dyn Preconditioner>,
+    by: Preconditioned<'_>,
     rhs: &mut [f64],
     limit: usize,
 ) -> Outcome {
@@ -87,31 +96,44 @@ fn run<const W: usize>(
     let mut x: Vec<Sums<W>> = vec![[0.0; W]; n];
     let mut r = rhs.to_vec();
     let mut q = vec![[0.0; W]; n];
-    let mut z: Vec<Sums<W>> = if blocks.is_some() { vec![[0.0; W]; n] } else { Vec::new() };
+    let mut z: Vec<Sums<W>> = match by {
+        Preconditioned::Diagonal(_) => Vec::new(),
+        Preconditioned::Blocks(_) => vec![[0.0; W]; n],
+    };
     let mut p = vec![[0.0; W]; n];
     let mut rho = [1.0; W];
     let mut lanczos: Vec<(Sums<W>, Sums<W>)> = Vec::new();
     let mut history: Vec<f64> = Vec::new();
     for iteration in 0..=limit {
         // z = M⁻¹ r and r·z; the largest entry of z measures what is left.
-        let parts: Vec<(Sums<W>, Sums<W>, Sums<W>)> = match blocks {
-            None => r
+        let parts: Vec<(Sums<W>, Sums<W>, Sums<W>)> = match by {
+            Preconditioned::Diagonal(pairs) => r
                 .par_chunks(CHUNK)
                 .zip(x.par_chunks(CHUNK))
                 .zip(inverse_diagonal.par_chunks(CHUNK))
-                .map(|((r, x), d)| {
+                .enumerate()
+                .map(|(c, ((part, x), d))| {
                     let (mut dot, mut step, mut size) = ([0.0; W], [0.0_f64; W], [0.0_f64; W]);
-                    for ((r, x), d) in r.iter().zip(x).zip(d) {
+                    for ((r, x), d) in part.iter().zip(x).zip(d) {
                         for k in 0..W {
                             dot[k] += r[k] * r[k] * d;
                             step[k] = step[k].max((r[k] * d).abs());
                             size[k] = size[k].max(x[k].abs());
                         }
                     }
+                    for pair in pairs.of(c) {
+                        let own = &r[pair.row as usize];
+                        let beyond = pair.beyond(own, &r[pair.partner as usize]);
+                        let d = inverse_diagonal[pair.row as usize];
+                        for k in 0..W {
+                            dot[k] += own[k] * beyond[k];
+                            step[k] = step[k].max((own[k] * d + beyond[k]).abs());
+                        }
+                    }
                     (dot, step, size)
                 })
                 .collect(),
-            Some(blocks) => {
+            Preconditioned::Blocks(blocks) => {
                 blocks.apply(r.as_flattened(), z.as_flattened_mut(), W);
                 r.par_chunks(CHUNK)
                     .zip(x.par_chunks(CHUNK))
@@ -170,25 +192,35 @@ fn run<const W: usize>(
             beta[k] = if iteration > 0 && rho[k] > 0.0 { new_rho[k] / rho[k] } else { 0.0 };
         }
         rho = new_rho;
-        match blocks {
-            None => p
+        match by {
+            Preconditioned::Diagonal(pairs) => p
                 .par_chunks_mut(CHUNK)
                 .zip(r.par_chunks(CHUNK))
                 .zip(inverse_diagonal.par_chunks(CHUNK))
-                .for_each(|((p, r), d)| {
-                    for ((p, r), d) in p.iter_mut().zip(r).zip(d) {
+                .enumerate()
+                .for_each(|(c, ((p, part), d))| {
+                    for ((p, r), d) in p.iter_mut().zip(part).zip(d) {
                         for k in 0..W {
                             p[k] = r[k] * d + beta[k] * p[k];
                         }
                     }
-                }),
-            Some(_) => p.par_chunks_mut(CHUNK).zip(z.par_chunks(CHUNK)).for_each(|(p, z)| {
-                for (p, z) in p.iter_mut().zip(z) {
-                    for k in 0..W {
-                        p[k] = z[k] + beta[k] * p[k];
+                    for pair in pairs.of(c) {
+                        let row = pair.row as usize;
+                        let beyond = pair.beyond(&r[row], &r[pair.partner as usize]);
+                        for k in 0..W {
+                            p[row - c * CHUNK][k] += beyond[k];
+                        }
                     }
-                }
-            }),
+                }),
+            Preconditioned::Blocks(_) => {
+                p.par_chunks_mut(CHUNK).zip(z.par_chunks(CHUNK)).for_each(|(p, z)| {
+                    for (p, z) in p.iter_mut().zip(z) {
+                        for k in 0..W {
+                            p[k] = z[k] + beta[k] * p[k];
+                        }
+                    }
+                })
+            }
         }
         let curvature = add(q
             .par_chunks_mut(CHUNK)

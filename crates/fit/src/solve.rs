@@ -16,7 +16,8 @@ use glam::Vec3;
 
 use crate::assembly::Rows;
 use crate::chebyshev::Chebyshev;
-use crate::pcg;
+use crate::pairs::Pairs;
+use crate::pcg::{self, Preconditioned};
 use crate::schwarz::Schwarz;
 use crate::system::Sheet;
 use crate::{FitError, FitOptions, FitReport, Solver, Unsolved};
@@ -45,8 +46,8 @@ pub(crate) enum SheetSolver {
 }
 
 /// What a sheet solved by conjugate gradients has learnt.
-#[derive(Default)]
 pub(crate) struct Iterative {
+    pairs: Pairs,
     /// Where they do not converge.
     fallback: OnceLock<Fallback>,
     /// Where they did, for the channels to come.
@@ -83,10 +84,10 @@ impl SheetSolver {
         Ok(match sheet.unknowns().len() {
             0 => Self::Empty,
             n if n <= DENSE => Self::Dense(Dense::new(rows, sheet)),
-            n if n > iterative => Self::Iterative(Iterative::default()),
+            n if n > iterative => Self::Iterative(Iterative::new(rows, sheet)),
             _ => match Sparse::new(rows, sheet, symbolic, context.limit())? {
                 Some(sparse) => Self::Sparse(Box::new(sparse)),
-                None => Self::Iterative(Iterative::default()),
+                None => Self::Iterative(Iterative::new(rows, sheet)),
             },
         })
     }
@@ -138,6 +139,10 @@ impl Context<'_> {
 }
 
 impl Iterative {
+    fn new(rows: &Rows, sheet: &Sheet) -> Self {
+        Self { pairs: Pairs::new(rows, sheet), fallback: OnceLock::new(), chebyshev: OnceLock::new() }
+    }
+
     fn solve(
         &self,
         context: &Context<'_>,
@@ -149,10 +154,11 @@ impl Iterative {
         let mut iterations = 0;
         if self.fallback.get().is_none() {
             let shortcut = self.chebyshev.get();
-            if let Some(steps) = shortcut.and_then(|c| c.solve(rows, sheet, part, width)) {
+            if let Some(steps) = shortcut.and_then(|c| c.solve(rows, sheet, &self.pairs, part, width)) {
                 return Ok(steps);
             }
-            match pcg::solve(rows, sheet, None, part, width, ITERATIONS) {
+            let by = Preconditioned::Diagonal(&self.pairs);
+            match pcg::solve(rows, sheet, by, part, width, ITERATIONS) {
                 pcg::Outcome::Converged { iterations, spectrum } => {
                     self.chebyshev.get_or_init(|| Chebyshev::new(spectrum));
                     return Ok(iterations);
@@ -173,7 +179,8 @@ impl Iterative {
         match self.fallback.get() {
             Some(Fallback::Factor(factor)) => factor.solve(part, width),
             Some(Fallback::Blocks(blocks)) => {
-                match pcg::solve(rows, sheet, Some(blocks), part, width, PATIENCE) {
+                let by = Preconditioned::Blocks(blocks);
+                match pcg::solve(rows, sheet, by, part, width, PATIENCE) {
                     pcg::Outcome::Converged { iterations: taken, .. } => iterations = iterations.max(taken),
                     // The last resort has no limit: an unconverged answer is none.
                     pcg::Outcome::Stalled { .. } => match Sparse::new(rows, sheet, None, usize::MAX)? {
