@@ -85,13 +85,21 @@ COST_PYTHON ?= python3
 instructions:
 	$(COST_PYTHON) tests/gpu/instructions.py navi21 polaris10
 
-# The light of real scenes on the CPU, in three.js and in Babylon.js: the table and the picture of docs/VIEWERS.md.
+# The light of real scenes on the CPU, in three.js and in Babylon.js, and of the profile stock without a plugin: the table and the picture of docs/VIEWERS.md.
 # FLIP_PYTHON names a Python with the package flip-evaluator.
 BESIDE = $(filter %/lamborghini_huracan.glb %/flight_helmet.glb %/toy_car.glb %/sheen_chair.glb,$(BAKED_SCENES)) \
   out/cornell_light.baked.glb
 
-side-by-side: $(BESIDE) build viewer
-	node viewer/scenes/side-by-side.mjs out/side_by_side $(foreach f,$(BESIDE),$(basename $(basename $(notdir $f)))=$f)
+comma = ,
+STOCK = $(patsubst out/scenes/%,out/stock/%,$(filter out/scenes/%,$(BESIDE)))
+
+out/stock/%.glb: $(SCENES_DIR)/%.glb | build
+	@mkdir -p $(@D)
+	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --profile stock --quiet || test $$? = 6
+
+side-by-side: $(BESIDE) $(STOCK) build viewer
+	node viewer/scenes/side-by-side.mjs out/side_by_side \
+	  $(foreach f,$(BESIDE),$(basename $(basename $(notdir $f)))=$f$(if $(filter out/scenes/%,$f),$(comma)$(f:out/scenes/%=out/stock/%)))
 	cp out/side_by_side/contact.png docs/figures/side_by_side.png
 
 # Builds what `test` runs, and with it the program.
