@@ -9,14 +9,17 @@ const fail = (message) => {
   throw new Error(`${EXTENSION}: ${message}`)
 }
 
+/** Profiles whose light is core glTF, which every viewer shows by itself. */
+const CORE_PROFILES = ['stock', 'lightmap']
+
 /**
- * The root object of a glTF, checked; null where there is none.
+ * The root object of a glTF, checked; null where there is none, or where there is nothing to do for who reads it.
  *
  * Throws an `Error` that says what is wrong: a version other than 2, a layer without codes that this reader knows.
  */
 export function readExtension(json) {
   const root = json.extensions?.[EXTENSION]
-  if (root === undefined) return null
+  if (root === undefined || CORE_PROFILES.includes(root.profile)) return null
   if (root.version !== VERSION) fail(`version ${root.version} is not ${VERSION}; bake the file again`)
   if ((root.subtexels ?? SUBTEXELS) !== SUBTEXELS) fail(`${root.subtexels} steps per texel are not ${SUBTEXELS}`)
   if (!Array.isArray(root.layers)) fail('no layers')

@@ -137,6 +137,10 @@ const file = (root) => ({ extensions: { LIGHTKILN_lightmap: root }, images: [{}]
 test('extension of an unknown kind is refused with a reason', () => {
   const layer = { signal: 'ambientOcclusion', attribute: '_LIGHTUV', channels: 1, pages: [0] }
   assert.equal(readExtension({}), null)
+  // Core glTF, which viewers show by themselves.
+  for (const profile of ['stock', 'lightmap']) {
+    assert.equal(readExtension(file({ version: 2, profile, layers: [{ signal: 'ambientOcclusion', codes: 'coordinates', pages: [0] }] })), null)
+  }
   assert.equal(readExtension(file({ version: 2, layers: [layer] })).layers[0].form, 'scalar')
   const cases = [
     [{ version: 1 }, /version 1/],
