@@ -8,6 +8,7 @@
 #   make lint       clippy, warnings denied        make fmt   rustfmt
 #   make bench      one bench per stage            make scenes  the big scenes, into data/big
 #   make bake       bake every scene of data/ into out/; editing one scene rebuilds one
+#   make bake-profiles  two of them in every profile, into out/profiles/
 #   make report     print the reports of out/      make validate  validator and schemas over out/
 #   make validate-scenes SCENES_DIR=...             the same over scenes of your own, and glTF-Transform
 #   make test-scenes SCENES_DIR=...                 opens every one of them in three.js, Babylon.js and `view`
@@ -28,12 +29,17 @@ SEAT_VIEW = --ao-distance inf --rays 128 --zoom 3.5 --target=0,0.35,0.05
 SCENES = $(wildcard data/*.glb)
 BAKED = $(SCENES:data/%.glb=out/%.baked.glb)
 
+# Scenes that are baked in every profile.
+PROFILES = eta stock texcoord lightmap
+PROFILED = contact instances
+IN_PROFILES = $(foreach s,$(PROFILED),$(PROFILES:%=out/profiles/$(s).%.glb))
+
 # Where validate-scenes and others find scenes.
 SCENES_DIR ?= ../shared/scenes
 BAKED_SCENES = $(patsubst $(SCENES_DIR)/%,out/scenes/%,$(wildcard $(SCENES_DIR)/*.glb))
 
 .PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets faults figures clean
-.PHONY: viewer test-viewer test-view test-scenes test-gpu test-gpu-web browser-deps
+.PHONY: bake-profiles viewer test-viewer test-view test-scenes test-gpu test-gpu-web browser-deps
 .PHONY: frame-times instructions side-by-side test-build validator validate validate-scenes peers
 .DELETE_ON_ERROR:
 
@@ -146,21 +152,32 @@ out/%.baked.glb: data/%.glb | build
 
 -include $(wildcard out/*.d)
 
+bake-profiles: $(IN_PROFILES)
+
+define in_profile
+out/profiles/%.$(1).glb: data/%.glb | build
+	@mkdir -p out/profiles
+	$$(LIGHTKILN) bake $$< -o $$@ $$(BAKE_FLAGS) --profile $(1)
+
+endef
+$(foreach p,$(PROFILES),$(eval $(call in_profile,$(p))))
+
 report: bake
 	@for f in $(BAKED); do echo "== $$f"; $(LIGHTKILN) inspect $$f; done
 
 validator:
 	npm ci --prefix tests/validator --no-audit --no-fund --loglevel=error
 
-validate: bake validator
+validate: bake bake-profiles validator
 	node tests/validator/validate.mjs $(SCENES) -- $(BAKED)
-	node tests/validator/schema.mjs $(BAKED:.baked.glb=.json) $(BAKED)
+	node tests/validator/validate.mjs $(foreach s,$(PROFILED),$(PROFILES:%=data/$(s).glb)) -- $(IN_PROFILES)
+	node tests/validator/schema.mjs $(BAKED:.baked.glb=.json) $(BAKED) $(IN_PROFILES)
 
 viewer:
 	npm ci --prefix viewer --no-audit --no-fund --loglevel=error
 
 # The packages of viewer/, in headless Chromium, on what `bake` makes and on files of other signals.
-test-viewer: bake viewer out/contact_signals.baked.glb out/cornell_box_light.baked.glb
+test-viewer: bake bake-profiles viewer out/contact_signals.baked.glb out/cornell_box_light.baked.glb
 	npm test --prefix viewer
 
 out/contact_signals.baked.glb: data/contact.glb | build

@@ -410,11 +410,12 @@ fn lightmap_of_light_is_in_lux_and_leaves_no_trace() {
     assert_eq!((&moz["index"], &moz["intensity"]), (&layers[1]["pages"][0], &layers[1]["intensity"]));
     assert_eq!(material["occlusionTexture"]["index"], layers[0]["pages"][0]);
     assert_eq!(layers[1]["encoding"], "srgb");
-    // A sky of 100 cd/m2 lights an open floor with 100 pi lux, nearly, and nothing with much more.
-    let page = image(&root, &binary, &layers[1]["pages"][0]);
-    let brightest = page.values.iter().fold(0.0_f32, |a, &b| a.max(b));
-    let lux = moz["intensity"].as_f64().unwrap() as f32 * lightkiln_scene::srgb::linear(brightest);
-    assert!((lux / (100.0 * std::f32::consts::PI) - 1.0).abs() < 0.25, "{lux} lux");
+    // A sky of 100 cd/m2 lights an open floor with 100 pi lux, and most of this floor is open.
+    let mut page = image(&root, &binary, &layers[1]["pages"][0]).values;
+    page.sort_unstable_by(f32::total_cmp);
+    let median = lightkiln_scene::srgb::linear(page[page.len() / 2]);
+    let lux = moz["intensity"].as_f64().unwrap() as f32 * median;
+    assert!((lux / (100.0 * std::f32::consts::PI) - 1.0).abs() < 0.1, "{lux} lux");
     assert!(root["extensionsUsed"].to_string().contains("MOZ_lightmap"));
     let again = folder.path("again.glb");
     bake(&out, &again, &with(&[]));
@@ -432,13 +433,16 @@ fn lightmap_measures_what_the_report_of_a_hybrid_computes() {
     let folder = Folder::new("computed");
     let out = folder.path("out.glb");
     let bytes = |profile: &str| {
-        bake(&data("thin_wall.glb"), &out, &["--samples", "20000", "--profile", profile])["bytes"].clone()
+        bake(&data("contact.glb"), &out, &["--samples", "20000", "--profile", profile])["bytes"].clone()
     };
     let (hybrid, full) = (bytes("eta"), bytes("lightmap"));
     let of = |b: &Value, key: &str| b[key].as_f64().unwrap();
     let computed = of(&hybrid["fullLightmap"]["bytes"], "atlas");
     let measured = of(&full["light"], "atlas");
     assert!((computed / measured - 1.0).abs() < 0.25, "computed {computed}, measured {measured}");
+    // Of its own charts the computed one knows all.
+    let own = of(&full["fullLightmap"]["bytes"], "atlas");
+    assert!((own - measured).abs() <= 1.0, "{own} of {measured}");
     assert!(hybrid["total"].as_f64() < full["total"].as_f64());
 }
 
@@ -450,7 +454,18 @@ fn texcoord_is_the_pair_of_the_paper() {
         bake(
             &data("contact.glb"),
             &out,
-            &["--samples", "6000", "--profile", "texcoord", "--signal", signal, "--sky", "100"],
+            &[
+                "--samples",
+                "6000",
+                "--profile",
+                "texcoord",
+                "--signal",
+                signal,
+                "--sky",
+                "100",
+                "--max-error",
+                "0.06",
+            ],
         );
         verify(&out);
         let (root, binary) = read(&out);

@@ -38,10 +38,15 @@ for (const path of process.argv.slice(2)) {
   const ours = root.extensions?.[EXTENSION];
   check(part('root'), ours, `${path} extensions.${EXTENSION}`);
   // What a schema cannot say: names follow the order of the layers, textures exist, primitives have all layers.
-  const names = (ours?.layers ?? []).map((_, k) => (k === 0 ? '_LIGHTUV' : `_LIGHTUV_${k}`));
+  const profile = ours?.profile ?? 'eta';
+  const plain = ['stock', 'lightmap'].includes(profile);
+  const ourNames = (ours?.layers ?? []).map((_, k) => (k === 0 ? '_LIGHTUV' : `_LIGHTUV_${k}`));
+  const attributes = plain ? 1 : ourNames.length;
   for (const [k, layer] of (ours?.layers ?? []).entries()) {
     const where = `${path} layers[${k}]`;
-    expect(layer.attribute === names[k], `${where}.attribute: ${layer.attribute} instead of ${names[k]}`);
+    const named = profile === 'eta' ? ourNames[k] : undefined;
+    expect(layer.attribute === named, `${where}.attribute: ${layer.attribute} instead of ${named}`);
+    expect((layer.codes === 'coordinates') === plain, `${where}.codes: ${layer.codes} in the profile ${profile}`);
     expect(layer.pages?.length === ours.layers[0].pages?.length, `${where}.pages: not as many as in layers[0]`);
     expect(layer.range?.[0] < layer.range?.[1], `${where}.range: ${layer.range}`);
     for (const texture of [...(layer.pages ?? []), layer.table].filter((t) => t !== undefined)) {
@@ -55,11 +60,24 @@ for (const path of process.argv.slice(2)) {
       if (!lit) continue;
       const where = `${path} meshes[${m}].primitives[${p}]`;
       check(part('primitive'), lit, where);
+      // The last sets of texture coordinates, where it is these.
+      const sets = Object.keys(primitive.attributes).filter((name) => name.startsWith('TEXCOORD_')).length;
+      const last = Array.from({ length: attributes }, (_, k) => `TEXCOORD_${sets - attributes + k}`);
+      const names = profile === 'eta' ? ourNames : last;
       expect(JSON.stringify(lit.attributes) === JSON.stringify(names), `${where}: attributes ${lit.attributes}`);
       for (const name of names) {
-        const { componentType, type, count } = root.accessors[primitive.attributes[name]] ?? {};
+        const { componentType, type, count, normalized = false } = root.accessors[primitive.attributes[name]] ?? {};
         const same = count === root.accessors[primitive.attributes.POSITION].count;
-        expect(componentType === 5123 && type === 'VEC2' && same, `${where}.${name}: not two 16-bit integers a vertex`);
+        const number = profile === 'texcoord' ? 5126 : 5123;
+        const fits = componentType === number && normalized === plain && type === 'VEC2' && same;
+        expect(fits, `${where}.${name}: not two numbers a vertex as the profile ${profile} has them`);
+      }
+      if (!plain) continue;
+      const mappings = primitive.extensions.KHR_materials_variants?.mappings ?? [];
+      for (const { material } of [primitive, ...mappings]) {
+        const { occlusionTexture, extensions } = root.materials[material] ?? {};
+        const shown = [occlusionTexture, extensions?.MOZ_lightmap].filter((info) => info && ours.layers.some(({ pages }) => pages[0] === info.index));
+        expect(shown.every(({ texCoord = 0 }) => `TEXCOORD_${texCoord}` === names[0]), `${where}: material ${material} reads another set`);
       }
     }
   }

@@ -9,17 +9,18 @@ const fail = (message) => {
   throw new Error(`${EXTENSION}: ${message}`)
 }
 
-/** Profiles whose light is core glTF, which every viewer shows by itself. */
-const CORE_PROFILES = ['stock', 'lightmap']
+/** Profiles whose light materials show: nothing is to be done. */
+const PLAIN = ['stock', 'lightmap']
 
 /**
- * The root object of a glTF, checked; null where there is none, or where there is nothing to do for who reads it.
+ * The root object of a glTF, checked; null where there is none, and where materials show the light without us.
  *
  * Throws an `Error` that says what is wrong: a version other than 2, a layer without codes that this reader knows.
  */
 export function readExtension(json) {
   const root = json.extensions?.[EXTENSION]
-  if (root === undefined || CORE_PROFILES.includes(root.profile)) return null
+  if (root === undefined || PLAIN.includes(root.profile)) return null
+  if ((root.profile ?? 'eta') !== 'eta') fail(`light of the profile ${root.profile} is not for this reader`)
   if (root.version !== VERSION) fail(`version ${root.version} is not ${VERSION}; bake the file again`)
   if ((root.subtexels ?? SUBTEXELS) !== SUBTEXELS) fail(`${root.subtexels} steps per texel are not ${SUBTEXELS}`)
   if (!Array.isArray(root.layers)) fail('no layers')

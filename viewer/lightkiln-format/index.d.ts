@@ -73,7 +73,7 @@ export interface PrimitiveLight {
   color0?: string
 }
 
-/** The extension of a glTF; null without it, and where the light is core glTF (the profiles `stock` and `lightmap`). Throws an `Error` that says what this reader does not know. */
+/** The extension of a glTF; null without it, and where materials show the light (profiles stock and lightmap). Throws an `Error` that says what this reader does not know. */
 export function readExtension(json: object): Lightmap | null
 export function primitiveLight(primitive: object): PrimitiveLight | null
 /** Changes a glTF for a viewer that shows the light: its own `COLOR_0` comes back, attributes are named as by the layers. */

@@ -10,10 +10,9 @@ import { readFileSync } from 'node:fs'
 import { basename } from 'node:path'
 import { fileURLToPath } from 'node:url'
 import { SUBTEXELS, isColor, readExtension, readPng } from 'lightkiln-format'
-import { VIEWS } from '../tests/baked.mjs'
 import { startBrowser } from '../tests/browser.mjs'
 import { imageBytes, readGlb } from '../tests/glb.mjs'
-import { cameraFor } from '../tests/raster.mjs'
+import { VIEWS, cameraFor } from '../tests/raster.mjs'
 import { readScene } from '../tests/scene.mjs'
 
 /** Share of a full lightmap that charts fill; packers manage about half. */

@@ -9,9 +9,9 @@ import { existsSync } from 'node:fs'
 import { join } from 'node:path'
 import { after, before, test } from 'node:test'
 import { fileURLToPath } from 'node:url'
-import { FOLDER, VIEWS, bakedFiles } from '../tests/baked.mjs'
+import { FOLDER, bakedFiles } from '../tests/baked.mjs'
 import { floats, startBrowser } from '../tests/browser.mjs'
-import { cameraFor } from '../tests/raster.mjs'
+import { VIEWS, cameraFor } from '../tests/raster.mjs'
 
 const PROGRAM = process.env.LIGHTKILN ?? fileURLToPath(new URL('../../target/release/lightkiln', import.meta.url))
 

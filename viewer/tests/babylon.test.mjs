@@ -6,11 +6,11 @@ import { after, before, test } from 'node:test'
 import * as functions from '@gltf-transform/functions'
 import { EXTENSION } from 'lightkiln-format'
 import { MeshoptEncoder } from 'meshoptimizer'
-import { VIEWS, bakedFiles, baked, withAllForms } from './baked.mjs'
+import { bakedFiles, baked, withAllForms } from './baked.mjs'
 import { floats, startBrowser } from './browser.mjs'
 import { addTexture, readGlb, writeGlb } from './glb.mjs'
 import { rgbCode, scalarCode, square } from './layers.mjs'
-import { cameraFor, compare, visible } from './raster.mjs'
+import { VIEWS, cameraFor, compare, visible } from './raster.mjs'
 import { io, readScene } from './scene.mjs'
 
 const STEP = 1 / 255

@@ -32,6 +32,3 @@ export async function withAllForms(bytes) {
   for (const layer of layers) bytes = await addLayer(bytes, layer)
   return bytes
 }
-
-/** Views from the six sides would see mostly the same; these see all sides of things, none of them straight on. */
-export const VIEWS = [[0.3, 0.8, 0.5], [-0.7, 0.4, -0.6], [0.6, -0.5, 0.62]]

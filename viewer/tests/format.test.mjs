@@ -142,9 +142,12 @@ test('extension of an unknown kind is refused with a reason', () => {
     assert.equal(readExtension(file({ version: 2, profile, layers: [{ signal: 'ambientOcclusion', codes: 'coordinates', pages: [0] }] })), null)
   }
   assert.equal(readExtension(file({ version: 2, layers: [layer] })).layers[0].form, 'scalar')
+  // Materials show the light of these.
+  for (const profile of ['stock', 'lightmap']) assert.equal(readExtension(file({ version: 2, profile, layers: [{}] })), null)
   const cases = [
     [{ version: 1 }, /version 1/],
     [{ version: 2 }, /no layers/],
+    [{ version: 2, profile: 'texcoord', layers: [layer] }, /profile texcoord/],
     [{ version: 2, subtexels: 4, layers: [] }, /4 steps/],
     [{ version: 2, layers: [{ ...layer, pages: [3] }] }, /texture 3/],
     [{ version: 2, layers: [{ ...layer, codes: 'table' }] }, /texture undefined/],

@@ -3,10 +3,10 @@
 
 import assert from 'node:assert/strict'
 import { after, before, test } from 'node:test'
-import { VIEWS, bakedFiles, withAllForms } from './baked.mjs'
+import { bakedFiles, withAllForms } from './baked.mjs'
 import { floats, startBrowser } from './browser.mjs'
 import { rgbCode, scalarCode, square } from './layers.mjs'
-import { cameraFor, compare, visible } from './raster.mjs'
+import { VIEWS, cameraFor, compare, visible } from './raster.mjs'
 import { readScene } from './scene.mjs'
 
 const STEP = 1 / 255

@@ -1,5 +1,8 @@
 // What a picture of stored light must be: the triangles of a scene under an orthographic camera, decoded on the CPU.
 
+/** Views from the six sides would see mostly the same; these see all sides of things, none of them straight on. */
+export const VIEWS = [[0.3, 0.8, 0.5], [-0.7, 0.4, -0.6], [0.6, -0.5, 0.62]]
+
 const SIZE = 256
 
 /** Rasterizers put corners on a grid; that of SwiftShader has 16 steps a pixel. A picture may be off by one of them. */

@@ -4,11 +4,11 @@
 import assert from 'node:assert/strict'
 import { after, before, test } from 'node:test'
 import { EXTENSION } from 'lightkiln-format'
-import { VIEWS, bakedFiles, baked, withAllForms } from './baked.mjs'
+import { bakedFiles, baked, withAllForms } from './baked.mjs'
 import { floats, startBrowser } from './browser.mjs'
 import { addTexture, imageBytes, readGlb, writeGlb } from './glb.mjs'
 import { rgbCode, scalarCode, square } from './layers.mjs'
-import { cameraFor, compare, visible } from './raster.mjs'
+import { VIEWS, cameraFor, compare, visible } from './raster.mjs'
 import { readScene } from './scene.mjs'
 
 const STEP = 1 / 255

@@ -161,12 +161,14 @@ fn atlas_figures(shown: &Shown) -> AtlasFigures {
     }
 }
 
-/// Fill and vertex ratio of a full lightmap where this bake has too few charts to measure them.
-const ASSUMED_FILL: f64 = 0.6;
-const ASSUMED_VERTEX_RATIO: f64 = 1.15;
+/// Fill and vertex ratio of a full lightmap where this bake has too few charts to measure them: docs/PROFILES.md has
+/// what `--profile lightmap` measured.
+const ASSUMED_FILL: f64 = 0.7;
+const ASSUMED_VERTEX_RATIO: f64 = 1.1;
 
-/// Charts that are enough to measure with.
-const MEASURABLE_CHARTS: usize = 16;
+/// Charts that cover this share of the surface are enough to measure with. What needs texels is often small and frayed,
+/// and says nothing of the rest.
+const MEASURABLE_SHARE: f64 = 0.25;
 
 fn bytes(all: &Everything<'_>) -> Bytes {
     let (surface, shown, written) = (all.surface, all.shown, all.written);
@@ -215,11 +217,12 @@ fn geometry_bytes(all: &Everything<'_>) -> u64 {
 /// One lightmap over everything at the same texel density, from areas and from what this bake's charts took.
 fn full_lightmap(all: &Everything<'_>, texel_bytes: u64) -> FullLightmap {
     let (mesh, shown) = (&all.surface.mesh, all.shown);
-    let measured = shown.charts.len() >= MEASURABLE_CHARTS;
     let area_texels = |triangle: TriangleId| mesh.area(triangle) / f64::from(all.plan.radius).powi(2);
+    let charted: f64 = shown.charts.iter().flat_map(|c| &c.triangles).map(|&t| area_texels(t)).sum();
+    let whole: f64 = mesh.triangle_ids().map(area_texels).sum();
+    let measured = charted >= MEASURABLE_SHARE * whole;
     let (mut fill, mut vertex_ratio) = (ASSUMED_FILL, ASSUMED_VERTEX_RATIO);
     if measured {
-        let charted: f64 = shown.charts.iter().flat_map(|c| &c.triangles).map(|&t| area_texels(t)).sum();
         fill = (charted / shown.packing.page_texels() as f64).clamp(0.01, 1.0);
         let mut vertices: Vec<_> = shown.charts.iter().flat_map(|c| c.vertices.iter().copied()).collect();
         let with_splits = vertices.len() as f64;
@@ -227,7 +230,7 @@ fn full_lightmap(all: &Everything<'_>, texel_bytes: u64) -> FullLightmap {
         vertices.dedup();
         vertex_ratio = with_splits / vertices.len() as f64;
     }
-    let texels = (mesh.triangle_ids().map(area_texels).sum::<f64>() / fill).ceil() as u64;
+    let texels = (whole / fill).ceil() as u64;
     let parts = &all.written.file.parts;
     let vertices: u64 = parts.iter().map(|p| p.original_vertices as u64).sum();
     let stride_bytes: u64 = parts.iter().map(|p| (p.original_vertices * p.original_stride) as u64).sum();
