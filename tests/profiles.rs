@@ -377,6 +377,20 @@ fn stock_occlusion_of_the_asset_is_multiplied_kept_or_replaced() {
 }
 
 #[test]
+fn stock_warns_of_textures_that_would_show_by_its_coordinates() {
+    let folder = Folder::new("astray");
+    for (sets, astray) in [(0, true), (1, false)] {
+        let (mut json, mut binary) = corner(sets);
+        let texture = add_texture(&mut json, &mut binary, [0.2, 0.8]);
+        json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({"index": texture});
+        let input = write(&folder, "in.glb", &(json, binary));
+        let report = bake(&input, &folder.path("out.glb"), &with(&["--profile", "stock"]));
+        let warnings = report["warnings"].to_string();
+        assert_eq!(warnings.contains("by the coordinates of the light"), astray, "{warnings}");
+    }
+}
+
+#[test]
 fn stock_warns_of_occlusion_finer_than_its_texels() {
     let folder = Folder::new("finer");
     let (mut json, mut binary) = corner(1);

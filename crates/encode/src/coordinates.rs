@@ -13,7 +13,6 @@
 //! page, all alike, and what is right of it repeats its end: rounding, the filter and even two mip levels read
 //! nothing else.
 
-use crate::constants::COLOR_STEPS;
 use crate::{AtlasView, LightCode};
 
 /// Rows of the strip: a block of 4 x 4 texels, so that block compression and mip levels 1 and 2 mix it with nothing.
@@ -114,18 +113,17 @@ pub fn decode_coordinates(
     page.read([at(0), at(1)], out);
 }
 
-/// Steps of a value on the longest strip that 16-bit coordinates keep apart, on a page of a width.
-pub fn value_steps(width: u32, strip: Strip) -> f32 {
-    let texel_steps = f32::from(COLOR_STEPS) / width as f32;
-    texel_steps * (strip.texels - 1) as f32
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
 
     use super::*;
     use crate::Texels;
+
+    /// Steps of a value that 16-bit coordinates keep apart, on a page of a width.
+    fn value_steps(width: u32, strip: Strip) -> f32 {
+        65535.0 / width as f32 * (strip.texels - 1) as f32
+    }
 
     fn page(coordinates: &Coordinates) -> Vec<f32> {
         let charts = coordinates.size[0] * (coordinates.size[1] - STRIP_ROWS);

@@ -92,7 +92,7 @@ impl Patch<'_> {
             });
         });
         let (mut undo, mut copies) = (Vec::new(), BTreeMap::new());
-        let mut unlit = 0;
+        let (mut unlit, mut astray) = (0, 0);
         for (material, sets) in &uses {
             if material.is_some_and(|m| kept.get(m).copied().unwrap_or(true)) {
                 continue;
@@ -111,6 +111,8 @@ impl Patch<'_> {
                 let json = &mut materials[number];
                 unlit += usize::from(shows_occlusion && extension(json, "KHR_materials_unlit").is_some());
                 let before = show(json, textures, set);
+                let others = object(json).iter().filter(|(key, _)| *key != OCCLUSION);
+                astray += usize::from(others.into_iter().any(|(_, value)| looks_up(value, set)));
                 if !shared {
                     undo.push(json!({"material": number, "before": before}));
                 }
@@ -131,6 +133,11 @@ impl Patch<'_> {
             );
             self.warnings.add(message, 1, Place::default());
         }
+        if astray > 0 {
+            let message = "materials look up textures by coordinates that their primitives did not have: viewers may \
+                           show these textures by the coordinates of the light now";
+            self.warnings.add(message, astray, Place::default());
+        }
         if unlit > 0 {
             let message = "materials that are unlit (KHR_materials_unlit) show no occlusion";
             self.warnings.add(message, unlit, Place::default());
@@ -140,6 +147,15 @@ impl Patch<'_> {
         }
         undo
     }
+}
+
+/// Whether anything within a part of a material looks up a texture by a set of texture coordinates, other than a lightmap.
+fn looks_up(value: &Value, set: u64) -> bool {
+    let Some(fields) = value.as_object() else { return false };
+    let transformed = extension(value, "KHR_texture_transform").and_then(|t| t.get("texCoord"));
+    let own = transformed.or_else(|| fields.get("texCoord")).map_or(Some(0), whole);
+    (fields.contains_key("index") && own == Some(set))
+        || fields.iter().any(|(key, inner)| !LIGHTMAPS.contains(&key.as_str()) && looks_up(inner, set))
 }
 
 /// Puts the textures of the layers on a material; returns what stood there, null where nothing did.
