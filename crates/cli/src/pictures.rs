@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use glam::{Vec3, Vec4};
 use lightkiln_bake::{Clock, file_name};
-use lightkiln_render::picture::{BACKGROUND, from_srgb};
+use lightkiln_render::picture::BACKGROUND;
 use lightkiln_render::sheet::{Legend, Panel, columns, sheet};
 use lightkiln_render::{Picture, Tone, View};
+use lightkiln_scene::srgb;
 use lightkiln_texel::{ExrDepth, ExrLayer, write_exr_layers};
 
 use crate::arguments::Common;
@@ -148,7 +149,7 @@ fn background(text: &str) -> Result<Background, String> {
     }
     match xyz(text) {
         Ok(color) if color.min_element() >= 0.0 && color.max_element() <= 1.0 => {
-            Ok(Background::Color(from_srgb(color)))
+            Ok(Background::Color(Vec3::from_array(color.to_array().map(srgb::linear))))
         }
         _ => Err("write it as R,G,B, each from 0 to 1, or transparent".to_owned()),
     }

@@ -16,7 +16,7 @@ use lightkiln_render::{Sight, Tone, shade};
 use crate::studio::Values;
 
 /// How light becomes what a screen shows.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Exposure {
     /// Doublings of brightness.
     pub stops: f32,
@@ -24,12 +24,6 @@ pub struct Exposure {
     pub white: Option<f32>,
     /// The tone curve.
     pub tone: Tone,
-}
-
-impl Default for Exposure {
-    fn default() -> Self {
-        Self { stops: 0.0, white: None, tone: Tone::Neutral }
-    }
 }
 
 /// Light that a viewer adds itself stands to that of all lamps as one to this.
@@ -109,7 +103,7 @@ impl<'a> Shaded<'a> {
         let has = |wanted: &[Role]| roles.iter().any(|(_, role)| wanted.contains(role));
         let is_lit = has(&[Role::Irradiance, Role::Harmonic(0)]);
         let has_lightmap = has(&[Role::Lightmap]);
-        let named = |name: &str| layers.layers.iter().any(|l| l.layer.name == name);
+        let named = |start: &str| layers.layers.iter().any(|l| l.layer.name.starts_with(start));
         let only_indirect = named("indirect") && !named("direct") && !named("irradiance");
         let needs_lamps = is_baked && (only_indirect || !(is_lit || has_lightmap));
         let lamps = if needs_lamps { shadowed(signals, lamps, surface) } else { Vec::new() };

@@ -55,6 +55,14 @@ impl ModeName {
         self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
+    /// Whether it traces light.
+    pub fn is_traced(self) -> bool {
+        matches!(
+            self,
+            Self::Reference | Self::Error | Self::ShadedReference | Self::Point | Self::LeastSquares
+        )
+    }
+
     /// Whether it shows what surfaces look like.
     pub fn is_shaded(self) -> bool {
         matches!(self, Self::Shaded | Self::ShadedReference)
@@ -115,7 +123,10 @@ pub fn in_studio<T>(
     let (low, high) = surface.mesh.bounds();
     let usual = (high - low).length() * options::DEFAULT_DISTANCE;
     let distance = opened.recipe.as_ref().map_or(usual, Recipe::reach);
-    surface.turn_hidden_sheets(&tracer, &opened.scenery.lighting);
+    // Which side of a sheet is seen matters to rays that look for light, and takes some of them to find out.
+    if any(&ModeName::is_traced) {
+        surface.turn_hidden_sheets(&tracer, &opened.scenery.lighting);
+    }
     let signal = opened.signals.on(&opened.stage(&surface, &tracer, distance, PICTURE_SEED))?;
     let layers = match &light {
         Some(light) => light.layers.clone(),
@@ -342,7 +353,7 @@ impl Studio<'_> {
 
     fn interpolated(&self, values: &[f32], hit: &Hit) -> Vec3 {
         let mut out = vec![0.0; self.layers.channels()];
-        shade::interpolate(self.surface, &self.layers, values, point(hit), &mut out);
+        shade::interpolate(self.surface, self.layers, values, point(hit), &mut out);
         self.color(&out)
     }
 
@@ -418,7 +429,7 @@ impl Studio<'_> {
     pub fn least_squares(&self, radius: f32, clock: &mut Clock<'_>) -> Result<Vec<f32>, Failure> {
         let samples = poisson_disk(&self.surface.mesh, &SampleOptions { radius, seed: PICTURE_SEED })
             .map_err(BakeError::from)?;
-        Ok(shade::light_and_fit(self.surface, self.signal.as_ref(), &self.layers, samples, 8, clock)?)
+        Ok(shade::light_and_fit(self.surface, self.signal.as_ref(), self.layers, samples, 8, clock)?)
     }
 }
 

@@ -89,7 +89,7 @@ pub fn write_report(path: &Path, report: &Report, baked: &Path, scene: Option<us
         return write_whole(path, report.to_json().as_bytes());
     }
     let mut clock = Clock::new(&Silent);
-    let figures = in_studio(&look(baked, scene, &[ModeName::Shaded, ModeName::Light]), &mut clock, figures)?;
+    let figures = in_studio(&look(baked, scene, &FIGURE_MODES), &mut clock, figures)?;
     write_whole(path, report_page(report, &figures).as_bytes())
 }
 
@@ -103,6 +103,10 @@ const FIGURE: usize = 480;
 
 /// Layers whose light a report shows.
 const SHOWN_LAYERS: usize = 4;
+
+/// What these are made of.
+const FIGURE_MODES: [ModeName; 5] =
+    [ModeName::Shaded, ModeName::Light, ModeName::Classes, ModeName::Charts, ModeName::Error];
 
 /// The pictures of a report.
 fn figures(studio: &mut Studio<'_>, clock: &mut Clock<'_>) -> Result<Vec<Figure>, Failure> {

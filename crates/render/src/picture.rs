@@ -5,6 +5,7 @@
 
 use glam::{Vec3, Vec4};
 use lightkiln_light::{Hit, Surfaces, Tracer};
+use lightkiln_scene::srgb;
 use rayon::prelude::*;
 
 use crate::{Camera, Ray, RenderError, Sight};
@@ -194,7 +195,7 @@ impl Picture {
         let mut data = Vec::with_capacity(self.pixels.len() * 4);
         for pixel in &self.pixels {
             let color = if pixel.w > 0.0 { pixel.truncate() / pixel.w } else { Vec3::ZERO };
-            data.extend(color.to_array().map(srgb));
+            data.extend(color.to_array().map(code));
             if !opaque {
                 data.push((pixel.w.clamp(0.0, 1.0) * 255.0).round() as u8);
             }
@@ -205,17 +206,9 @@ impl Picture {
     }
 }
 
-/// The 8-bit sRGB code of a linear value (IEC 61966-2-1).
-fn srgb(linear: f32) -> u8 {
-    let value = linear.clamp(0.0, 1.0);
-    let encoded = if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 };
-    (encoded * 255.0).round() as u8
-}
-
-/// The linear color of an sRGB one, `0..=1` (IEC 61966-2-1).
-pub fn from_srgb(encoded: Vec3) -> Vec3 {
-    let linear = |e: f32| if e <= 0.040_45 { e / 12.92 } else { ((e + 0.055) / 1.055).powf(2.4) };
-    Vec3::from_array(encoded.to_array().map(linear))
+/// The 8-bit sRGB code of a linear value.
+fn code(linear: f32) -> u8 {
+    (srgb::encoded(linear.min(1.0)) * 255.0).round() as u8
 }
 
 #[cfg(test)]
@@ -227,10 +220,8 @@ mod tests {
     use crate::Lens;
 
     #[test]
-    fn srgb_of_known_values_matches_the_standard() {
-        assert_eq!((srgb(0.0), srgb(1.0), srgb(0.215_86), srgb(2.0)), (0, 255, 128, 255));
-        let back = |code: u8| srgb(from_srgb(Vec3::splat(f32::from(code) / 255.0)).x);
-        assert!((0..=255).all(|code| back(code) == code));
+    fn code_of_known_values_matches_the_standard() {
+        assert_eq!((code(0.0), code(1.0), code(0.215_86), code(2.0), code(-1.0)), (0, 255, 128, 255, 0));
     }
 
     #[test]
