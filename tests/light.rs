@@ -150,3 +150,25 @@ fn light_of_tables_is_that_of_packed_colors_within_the_bound() {
     let worst = values[0].iter().flatten().zip(values[1].iter().flatten()).map(apart).fold(0.0, f32::max);
     assert!(worst < 0.12, "{worst}");
 }
+
+#[test]
+fn light_for_any_normal_keeps_the_bound_and_verify_agrees() {
+    let folder = Folder::new("harmonics");
+    let out = folder.path("out.glb");
+    for signal in ["sh1", "sh2"] {
+        let report = kept(&data("cornell_box.glb"), &out, &["--signal", signal, "--samples", "20000"]);
+        let bound = &report["errors"]["bound"];
+        let [beyond, all] = ["colorPointsBeyond", "colorPoints"].map(|of| bound[of].as_f64().unwrap());
+        assert!(beyond <= 0.01 * all, "{signal}: {bound}");
+        let verify = ["verify", "--json", "--points", "2000", "--rays", "1024"].map(std::ffi::OsStr::new);
+        let output = lightkiln(verify.into_iter().chain([out.as_os_str()]));
+        let errors: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let layers: Vec<&str> =
+            errors["layers"].as_array().unwrap().iter().map(|l| l["signal"].as_str().unwrap()).collect();
+        assert_eq!(layers, ["irradianceSh"]);
+        let rmse = |of: &Value| of["hybrid"]["rmse"].as_f64().unwrap();
+        let noise = errors["hybrid"]["noise"].as_f64().unwrap();
+        // A draft; coefficient by coefficient it was 0.15.
+        assert!(rmse(&errors).powi(2) - noise.powi(2) < 0.04_f64.powi(2), "{signal}: {}", errors["hybrid"]);
+    }
+}

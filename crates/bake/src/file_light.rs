@@ -5,7 +5,7 @@ use std::path::Path;
 
 use lightkiln_encode::coordinates::STRIP_ROWS;
 use lightkiln_encode::{AtlasView, Coordinates, LightCode, Strip, Table};
-use lightkiln_light::{Curve, Domain, Layer, Scale};
+use lightkiln_light::{Curve, Domain, Layer, Scale, Signal};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
 use lightkiln_scene::{LayerRead, Profile, Scene};
 use lightkiln_texel::{PngDepth, read_png};
@@ -279,6 +279,17 @@ impl FileLight {
         }
         let stored = Stored { size, layers: images, coordinates: extension.coordinates() };
         Ok(Self { extension, layers: Layers::of(layers), stored, profile: lightmap.profile, corners })
+    }
+
+    /// Whether the layers hold what a signal measures.
+    ///
+    /// # Errors
+    /// [`BakeError::ReadBack`] if not: layers and recipe of the file contradict each other.
+    pub fn expect(&self, signal: &dyn Signal) -> Result<(), BakeError> {
+        if self.layers.fit(signal) {
+            return Ok(());
+        }
+        Err(BakeError::ReadBack { what: "layers that the recipe does not make".into() })
     }
 
     /// How the light of a scene was made, without its light; `file` is the name for messages.

@@ -1,15 +1,20 @@
 //! The layers of a bake: what their stored values mean, and what an error in them is.
 //!
 //! From here on light is in *unit values*, `0..=1` over the range of its layer ([`Scale`]). The range of light
-//! without an upper end is found in the first look at the samples. One bound serves all layers: an error is the
-//! difference of unit values in the layer's own unit, and that of a point is the largest over its channels.
+//! without an upper end is found in the first look at the samples. One bound serves all layers: values are *judged* in the
+//! unit of the bound, an error is a difference of judged values, and that of a point is its largest. What is judged are
+//! the channels of the layers, in the layer's own unit, but of harmonics what they are for ([`harmonics`](crate::harmonics)).
+
+use std::ops::Range;
 
 use glam::Vec3;
 use lightkiln_light::denoise::{Noisy, denoise};
+use lightkiln_light::harmonics::basis;
 use lightkiln_light::{Curve, Domain, Estimates, Layer, Scale, Signal};
 use lightkiln_mesh::{Mesh, SurfacePoint};
 use rayon::prelude::*;
 
+use crate::harmonics::{Harmonics, JUDGED, baked, normals};
 use crate::options::{BakeBounds, CONFIDENCE};
 
 /// A layer with its scale.
@@ -28,7 +33,7 @@ pub struct BakedLayer {
 
 impl BakedLayer {
     /// Its channels among those of the bake.
-    pub fn channels(&self) -> std::ops::Range<usize> {
+    pub fn channels(&self) -> Range<usize> {
         self.first..self.first + self.layer.channels
     }
 
@@ -65,8 +70,21 @@ pub struct Layers {
     scales: Vec<Scale>,
     /// What shown unit values are clamped to, by channel.
     clamps: Vec<Option<[f32; 2]>>,
-    /// Errors per unit value, by channel.
-    errors: Vec<f32>,
+    /// Channels that are judged as they are, and errors per unit value of each.
+    plain: Vec<(usize, f32)>,
+    /// Harmonics, and the scale that `E(n)` is judged on.
+    harmonics: Vec<(Harmonics, Scale)>,
+    /// What is judged together.
+    parts: Vec<Part>,
+}
+
+/// What is judged of a layer, or of the layers of harmonics.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// The layer's name, of harmonics without a number.
+    pub name: String,
+    /// Which of the judged values.
+    pub judged: Range<usize>,
 }
 
 /// How far values that are clamped after interpolation may lie beyond the range of their signal, as a share of it, to
@@ -95,7 +113,9 @@ impl Layers {
         white: Option<f32>,
         bounds: BakeBounds,
     ) -> Self {
-        let layers = signal.layers();
+        let layers = baked(signal);
+        let harmonics = Harmonics::of(layers.iter());
+        let of_harmonics = |number: usize| harmonics.iter().any(|h| h.layers.contains(&number));
         let mut first = 0;
         let firsts: Vec<usize> = layers
             .iter()
@@ -105,35 +125,38 @@ impl Layers {
             })
             .collect();
         let white = white.unwrap_or_else(|| {
-            let unbounded = layers.iter().zip(&firsts).filter(|(l, _)| l.domain == Domain::Hdr);
-            let white = |(layer, &first): (&Layer, &usize)| {
-                // The first coefficient of harmonics is irradiance over its basis function, 1 / sqrt(4 pi).
-                let basis = if layer.name.starts_with("irradianceSh") { 0.282_095 } else { 1.0 };
-                basis * white_of(seen, weights, first, layer.channels)
-            };
-            unbounded.map(white).fold(0.0, f32::max)
+            let numbered = layers.iter().zip(&firsts).enumerate();
+            let unbounded = numbered.filter(|(n, (l, _))| l.domain == Domain::Hdr && !of_harmonics(*n));
+            let of_layers = unbounded.map(|(_, (l, &first))| white_of(seen, weights, first, l.channels));
+            // Of harmonics the irradiance at the shading normal counts, the first that is measured behind the layers.
+            let of_harmonics = (0..harmonics.len()).map(|h| white_of(seen, weights, first + h * JUDGED, 3));
+            of_layers.chain(of_harmonics).fold(0.0, f32::max)
         });
         let white = if white > 0.0 && white.is_finite() { white } else { 1.0 };
-        let scale = |layer: &Layer, first: usize| match layer.domain {
-            Domain::Bounded { low, high } => {
-                let margin = if bounds == BakeBounds::ClampAfter { MARGIN * (high - low) } else { 0.0 };
-                Scale::linear(low - margin, high + margin)
-            }
-            Domain::Hdr => {
-                Scale::log(white, 0.0, HEADROOM * brightest(seen, first, layer.channels).max(white))
-            }
-            Domain::SignedHdr => {
-                let high = HEADROOM * brightest(seen, first, layer.channels).max(white);
-                Scale::log(white, -high, high)
+        let scale = |number: usize, layer: &Layer, first: usize| {
+            // Coefficients are stored on the scale of the first, which is this much larger than white where all is white.
+            let white = if of_harmonics(number) { white / first_basis() } else { white };
+            match layer.domain {
+                Domain::Bounded { low, high } => {
+                    let margin = if bounds == BakeBounds::ClampAfter { MARGIN * (high - low) } else { 0.0 };
+                    Scale::linear(low - margin, high + margin)
+                }
+                Domain::Hdr => {
+                    Scale::log(white, 0.0, HEADROOM * brightest(seen, first, layer.channels).max(white))
+                }
+                Domain::SignedHdr => {
+                    let high = HEADROOM * brightest(seen, first, layer.channels).max(white);
+                    Scale::log(white, -high, high)
+                }
             }
         };
         let clamp = |layer: &Layer| match layer.domain {
             Domain::Bounded { low, high } if bounds == BakeBounds::ClampAfter => Some([low, high]),
             _ => None,
         };
-        let baked = layers.iter().zip(firsts).map(|(l, first)| BakedLayer {
+        let baked = layers.iter().zip(&firsts).enumerate().map(|(number, (l, &first))| BakedLayer {
             layer: l.clone(),
-            scale: scale(l, first),
+            scale: scale(number, l, first),
             clamp: clamp(l),
             first,
         });
@@ -143,10 +166,69 @@ impl Layers {
     /// Layers whose scales are known.
     pub fn of(layers: Vec<BakedLayer>) -> Self {
         let channels = || layers.iter().flat_map(|l| std::iter::repeat_n(l, l.layer.channels));
-        let scales = channels().map(|l| l.scale).collect();
+        let scales: Vec<Scale> = channels().map(|l| l.scale).collect();
         let clamps = channels().map(BakedLayer::unit_clamp).collect();
-        let errors = channels().map(|l| 1.0 / l.error_unit()).collect();
-        Self { layers, scales, clamps, errors }
+        let judged_scale = |harmonics: Harmonics| match scales[harmonics.channel(0, 0)].curve {
+            Curve::Log { white } => {
+                let white = white * first_basis();
+                Some((harmonics, Scale::log(white, 0.0, white)))
+            }
+            Curve::Linear => None,
+        };
+        let harmonics: Vec<(Harmonics, Scale)> =
+            Harmonics::of(layers.iter().map(|l| &l.layer)).into_iter().filter_map(judged_scale).collect();
+        let (mut plain, mut parts) = (Vec::new(), Vec::new());
+        for (number, layer) in layers.iter().enumerate() {
+            if !harmonics.iter().any(|(h, _)| h.layers.contains(&number)) {
+                let first = plain.len();
+                plain.extend(layer.channels().map(|channel| (channel, 1.0 / layer.error_unit())));
+                parts.push(Part { name: layer.layer.name.clone(), judged: first..plain.len() });
+            }
+        }
+        for number in 0..harmonics.len() {
+            let first = plain.len() + number * JUDGED;
+            parts.push(Part { name: "irradianceSh".to_owned(), judged: first..first + JUDGED });
+        }
+        Self { layers, scales, clamps, plain, harmonics, parts }
+    }
+
+    /// Whether a signal measures what these layers hold and are judged by.
+    pub fn fit(&self, signal: &dyn Signal) -> bool {
+        signal.channels() == self.channels() + self.harmonics.len() * JUDGED
+    }
+
+    /// What is judged, layer by layer.
+    pub fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    /// How many values of a point are judged.
+    pub fn judged(&self) -> usize {
+        self.plain.len() + self.harmonics.len() * JUDGED
+    }
+
+    /// Calls `visit` with the number and the value of everything that is judged at a point, in the unit of the bound.
+    ///
+    /// - `normal`: the shading normal there
+    #[inline]
+    pub fn each_judged(&self, normal: Vec3, units: &[f32], mut visit: impl FnMut(usize, f32)) {
+        for (number, &(channel, errors)) in self.plain.iter().enumerate() {
+            visit(number, units[channel] * errors);
+        }
+        if self.harmonics.is_empty() {
+            return;
+        }
+        let mut number = self.plain.len();
+        let normals = normals(normal);
+        for (harmonics, scale) in &self.harmonics {
+            let lux = |channel: usize| self.scales[channel].from_unit(units[channel]);
+            for irradiance in harmonics.irradiance(normals, lux) {
+                for color in irradiance.to_array() {
+                    visit(number, scale.to_unit(color.max(0.0)));
+                    number += 1;
+                }
+            }
+        }
     }
 
     /// Numbers of a point, over all layers.
@@ -165,8 +247,17 @@ impl Layers {
     }
 
     /// Unit values and their noise.
-    pub fn light(&self, estimates: &Estimates) -> UnitLight {
-        self.units(estimates.means().to_vec(), variances(estimates))
+    ///
+    /// - `normals`: shading normals of the points
+    pub fn light(&self, normals: Vec<Vec3>, estimates: &Estimates) -> UnitLight {
+        let raw = variances(estimates);
+        let variances = self.baked(estimates.channels, &raw);
+        self.units(normals, self.baked(estimates.channels, estimates.means()), &variances, &raw)
+    }
+
+    /// The channels of the layers alone, of `all` that are measured.
+    fn baked(&self, all: usize, rows: &[f32]) -> Vec<f32> {
+        rows.chunks_exact(all).flat_map(|row| &row[..self.channels()]).copied().collect()
     }
 
     /// Whether any layer is light whose noise is filtered away.
@@ -176,26 +267,28 @@ impl Layers {
 
     /// The same with the noise of paths of light filtered away where neighbours allow it ([`denoise`]).
     ///
-    /// - `points`: of the estimates
+    /// - `points`: of the estimates, with their shading normals
     /// - `radius`: of the filter, in units of the mesh
     pub fn filtered_light(
         &self,
         mesh: &Mesh,
         points: &[SurfacePoint],
+        normals: Vec<Vec3>,
         estimates: &Estimates,
         radius: f32,
     ) -> UnitLight {
         if !self.are_filtered() {
-            return self.light(estimates);
+            return self.light(normals, estimates);
         }
-        let (mut values, mut all) = (estimates.means().to_vec(), variances(estimates));
+        let raw = variances(estimates);
+        let mut values = self.baked(estimates.channels, estimates.means());
+        let mut all = self.baked(estimates.channels, &raw);
         let channels = self.channels();
         // What lies inside other geometry knows nothing of its own.
         for point in (0..estimates.len()).filter(|&i| !estimates.valid(i)) {
             all[point * channels..][..channels].fill(f32::INFINITY);
         }
         let positions: Vec<Vec3> = points.par_iter().map(|&p| mesh.position(p)).collect();
-        let normals: Vec<Vec3> = points.par_iter().map(|&p| mesh.shading_normal(p)).collect();
         for layer in self.layers.iter().filter(|l| l.is_light()) {
             let own = |all: &[f32]| -> Vec<f32> {
                 all.chunks_exact(channels).flat_map(|row| &row[layer.channels()]).copied().collect()
@@ -218,58 +311,121 @@ impl Layers {
             put(&mut values, &filtered.values);
             put(&mut all, &filtered.variances);
         }
-        self.units(values, all)
+        self.units(normals, values, &all, &raw)
     }
 
     /// Unit values of a signal's own, points x channels.
-    fn units(&self, mut values: Vec<f32>, mut variances: Vec<f32>) -> UnitLight {
-        let channels = self.channels();
-        let rows = values.par_chunks_exact_mut(channels).zip(variances.par_chunks_exact_mut(channels));
-        rows.for_each(|(values, sigmas)| {
-            for ((x, sigma), scale) in values.iter_mut().zip(sigmas).zip(&self.scales) {
-                *sigma = sigma.sqrt() * scale.slope(*x);
-                *x = scale.to_unit(*x);
+    ///
+    /// - `variances`: of these
+    /// - `raw`: of all that was measured, before any filter
+    fn units(&self, shading: Vec<Vec3>, mut values: Vec<f32>, variances: &[f32], raw: &[f32]) -> UnitLight {
+        let (channels, judged) = (self.channels(), self.judged());
+        let measured = channels + self.harmonics.len() * JUDGED;
+        let (mut all_judged, mut sigmas) = (Vec::new(), Vec::new());
+        let points = shading.len();
+        all_judged.resize(points * judged, 0.0);
+        sigmas.resize(points * judged, 0.0);
+        values
+            .par_chunks_exact_mut(channels)
+            .zip(variances.par_chunks_exact(channels))
+            .zip(raw.par_chunks_exact(measured))
+            .zip(&shading)
+            .zip(all_judged.par_chunks_exact_mut(judged).zip(sigmas.par_chunks_exact_mut(judged)))
+            .for_each(|((((values, variances), raw), &normal), (judged, sigmas))| {
+                for (sigma, &(channel, errors)) in sigmas.iter_mut().zip(&self.plain) {
+                    *sigma = variances[channel].sqrt() * self.scales[channel].slope(values[channel]) * errors;
+                }
+                let of_harmonics = sigmas[self.plain.len()..].chunks_exact_mut(JUDGED);
+                let raw_judged = raw[channels..].chunks_exact(JUDGED);
+                for (((harmonics, scale), sigmas), own) in
+                    self.harmonics.iter().zip(of_harmonics).zip(raw_judged)
+                {
+                    let normals = normals(normal);
+                    let lux = harmonics.irradiance(normals, |channel| values[channel]);
+                    for (k, sigma) in sigmas.iter_mut().enumerate() {
+                        let (at, color) = (k / 3, k % 3);
+                        let independent =
+                            |of: &[f32]| harmonics.independent_variance(normals[at], color, |c| of[c]);
+                        // Filtered coefficients depend on each other as they did before.
+                        let share = own[k] / independent(raw);
+                        let variance = independent(variances) * if share.is_finite() { share } else { 1.0 };
+                        *sigma = variance.sqrt() * scale.slope(lux[at][color].max(0.0));
+                    }
+                }
+                values.iter_mut().zip(&self.scales).for_each(|(x, scale)| *x = scale.to_unit(*x));
+                self.each_judged(normal, values, |number, value| judged[number] = value);
+            });
+        UnitLight { channels, values, normals: shading, judged: all_judged, sigmas }
+    }
+
+    /// The largest error of what is shown at a point, and the noise that goes with it.
+    pub fn worst(&self, shown: &[f32], light: &UnitLight, i: usize) -> (f32, f32) {
+        self.worst_of(0..self.judged(), shown, light, i)
+    }
+
+    /// The same of a part alone.
+    pub fn worst_of(&self, part: Range<usize>, shown: &[f32], light: &UnitLight, i: usize) -> (f32, f32) {
+        let mut worst = (0.0_f32, 0.0);
+        self.each_error(shown, light, i, |number, error, sigma| {
+            if number == part.start || part.contains(&number) && error.abs() > worst.0.abs() {
+                worst = (error, sigma);
             }
         });
-        UnitLight { channels, values, sigmas: variances }
+        worst
     }
 
-    /// Errors per unit value of each channel.
-    pub fn errors_per_unit(&self) -> &[f32] {
-        &self.errors
+    /// The largest error of what is shown at a point with this shading normal, against light of unit values without noise.
+    pub fn difference(&self, normal: Vec3, shown: &[f32], light: &[f32]) -> f32 {
+        let mut judged = vec![0.0; self.judged()];
+        self.each_judged(normal, light, |number, value| judged[number] = value);
+        let mut worst = 0.0_f32;
+        self.each_judged(normal, shown, |number, value| {
+            let error = value - judged[number];
+            worst = if error.abs() > worst.abs() { error } else { worst };
+        });
+        worst
     }
 
-    /// The largest error over the channels, and the noise of that channel, both as errors.
-    pub fn worst(&self, shown: &[f32], light: &[f32], sigmas: &[f32]) -> (f32, f32) {
-        let of = |c: usize| ((shown[c] - light[c]) * self.errors[c], sigmas[c] * self.errors[c]);
-        (1..self.channels())
-            .map(of)
-            .fold(of(0), |worst, next| if next.0.abs() > worst.0.abs() { next } else { worst })
+    /// Whether anything is off by more than a bound, beyond its noise.
+    pub fn is_beyond(&self, shown: &[f32], light: &UnitLight, i: usize, bound: f32) -> bool {
+        let mut beyond = false;
+        self.each_error(shown, light, i, |_, error, sigma| {
+            beyond |= error.abs() - CONFIDENCE * sigma > bound
+        });
+        beyond
     }
 
-    /// Whether any channel is off by more than a bound, beyond its noise.
-    pub fn is_beyond(&self, shown: &[f32], light: &[f32], sigmas: &[f32], bound: f32) -> bool {
-        (0..self.channels())
-            .any(|c| ((shown[c] - light[c]).abs() - CONFIDENCE * sigmas[c]) * self.errors[c] > bound)
+    /// Everything that is judged at a point: its number, its error and its noise.
+    #[inline]
+    pub fn each_error(
+        &self,
+        shown: &[f32],
+        light: &UnitLight,
+        i: usize,
+        mut visit: impl FnMut(usize, f32, f32),
+    ) {
+        let (judged, sigmas) = (light.judged(i), light.sigma(i));
+        self.each_judged(light.normals[i], shown, |number, value| {
+            visit(number, value - judged[number], sigmas[number]);
+        });
     }
 
-    /// How large the noise of a point's worst channel may be as an error, relative to that of a layer that is not
-    /// filtered.
+    /// How large the noise of a point may be as an error, relative to that of a layer that is not filtered.
     pub fn noise_of(&self, estimates: &Estimates, i: usize) -> f32 {
-        let of_layer = |layer: &BakedLayer| {
+        let mut most = 0.0_f32;
+        for layer in &self.layers {
             let share = if layer.is_light() { FILTER_GAIN } else { 1.0 };
-            let sigma = |channel: usize| {
+            for &(channel, errors) in self.plain.iter().filter(|(c, _)| layer.channels().contains(c)) {
                 let slope = self.scales[channel].slope(estimates.mean(i)[channel]);
-                estimates.variance_of_mean(i, channel).sqrt() * slope * self.errors[channel]
-            };
-            share * layer.channels().map(sigma).fold(0.0, f32::max)
-        };
-        self.layers.iter().map(of_layer).fold(0.0, f32::max)
-    }
-
-    /// The noise of a point's worst channel, as an error.
-    pub fn sigma(&self, sigmas: &[f32]) -> f32 {
-        sigmas.iter().zip(&self.errors).map(|(s, k)| s * k).fold(0.0, f32::max)
+                most = most.max(share * estimates.variance_of_mean(i, channel).sqrt() * slope * errors);
+            }
+        }
+        let judged = self.harmonics.iter().flat_map(|(_, scale)| std::iter::repeat_n(scale, JUDGED));
+        for (channel, scale) in (self.channels()..).zip(judged) {
+            let slope = scale.slope(estimates.mean(i)[channel].max(0.0));
+            most = most.max(FILTER_GAIN * estimates.variance_of_mean(i, channel).sqrt() * slope);
+        }
+        most
     }
 
     /// The signal's own value of a stored one.
@@ -325,15 +481,24 @@ fn brightest(seen: &Estimates, first: usize, channels: usize) -> f32 {
     (0..seen.len()).map(of).filter(|v| v.is_finite()).fold(0.0, f32::max)
 }
 
-/// Light of many points in unit values, with its standard errors: flat arrays, points x channels.
+/// What the first of the harmonics is in every direction.
+fn first_basis() -> f32 {
+    basis(Vec3::Y)[0]
+}
+
+/// Light of many points: flat arrays.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UnitLight {
     /// Numbers a point.
     pub channels: usize,
-    /// Unit values.
+    /// Unit values, points x channels.
     pub values: Vec<f32>,
-    /// Their standard errors.
-    pub sigmas: Vec<f32>,
+    /// Shading normals of the points.
+    normals: Vec<Vec3>,
+    /// What is judged of the values, points x [`Layers::judged`].
+    judged: Vec<f32>,
+    /// The standard errors of that.
+    sigmas: Vec<f32>,
 }
 
 impl UnitLight {
@@ -343,10 +508,28 @@ impl UnitLight {
         &self.values[i * self.channels..(i + 1) * self.channels]
     }
 
-    /// Their standard errors.
+    /// What is judged of them, in the unit of the bound.
+    #[inline]
+    pub fn judged(&self, i: usize) -> &[f32] {
+        let judged = self.judged.len() / self.normals.len();
+        &self.judged[i * judged..(i + 1) * judged]
+    }
+
+    /// The standard errors of that.
     #[inline]
     pub fn sigma(&self, i: usize) -> &[f32] {
-        &self.sigmas[i * self.channels..(i + 1) * self.channels]
+        let judged = self.sigmas.len() / self.normals.len();
+        &self.sigmas[i * judged..(i + 1) * judged]
+    }
+
+    /// The standard errors of all points.
+    pub fn sigmas(&self) -> &[f32] {
+        &self.sigmas
+    }
+
+    /// The noise of a point's noisiest value, as an error.
+    pub fn noise(&self, i: usize) -> f32 {
+        self.sigma(i).iter().copied().fold(0.0, f32::max)
     }
 }
 
@@ -380,6 +563,13 @@ mod tests {
         estimates
     }
 
+    /// One point with known light.
+    fn known(layers: &Layers, values: &[f32], sigmas: Vec<f32>) -> UnitLight {
+        let mut judged = vec![0.0; layers.judged()];
+        layers.each_judged(Vec3::Y, values, |number, value| judged[number] = value);
+        UnitLight { channels: values.len(), values: values.to_vec(), normals: vec![Vec3::Y], judged, sigmas }
+    }
+
     #[test]
     fn layers_of_light_take_white_from_the_lit_surface_and_keep_headroom() {
         let light = Layer { channels: 3, domain: Domain::Hdr, ..Layer::scalar("irradiance") };
@@ -394,7 +584,7 @@ mod tests {
         assert_eq!(given.layers[0].scale, Scale::linear(-MARGIN, 1.0 + MARGIN));
         assert_eq!((given.layers[0].clamp, given.layers[1].clamp), (Some([0.0, 1.0]), None));
         assert_eq!(given.layers[1].scale, Scale::log(50.0, 0.0, 800.0));
-        let unit = layers.light(&estimates);
+        let unit = layers.light(vec![Vec3::Y; 100], &estimates);
         assert!((layers.from_unit(1, unit.value(9)[1]) - 20.0).abs() < 1e-3);
     }
 
@@ -411,10 +601,13 @@ mod tests {
             BakedLayer { layer: light, scale: Scale::log(1.0, 0.0, 1e4), clamp: None, first: 1 },
         ]);
         // A step of 0.01 unit values of light is more than twice that on the way from black to white.
-        let (error, noise) = layers.worst(&[0.52, 0.41], &[0.5, 0.4], &[0.001, 0.001]);
-        assert!(error > 0.02 && noise > 0.002, "{error} {noise}");
-        assert!(layers.is_beyond(&[0.52, 0.41], &[0.5, 0.4], &[0.0, 0.0], 0.03));
-        assert!(!layers.is_beyond(&[0.52, 0.41], &[0.5, 0.4], &[0.0, 0.01], 0.03));
+        let light = |sigmas: [f32; 2]| known(&layers, &[0.5, 0.4], sigmas.to_vec());
+        let (error, noise) = layers.worst(&[0.52, 0.41], &light([0.001, 0.002]), 0);
+        assert!(error > 0.02 && noise == 0.002, "{error} {noise}");
+        assert!(layers.worst_of(0..1, &[0.52, 0.41], &light([0.0; 2]), 0).0 < 0.021);
+        assert!(layers.is_beyond(&[0.52, 0.41], &light([0.0; 2]), 0, 0.03));
+        assert!(!layers.is_beyond(&[0.52, 0.41], &light([0.0, 0.02]), 0, 0.03));
+        assert_eq!(layers.difference(Vec3::Y, &[0.52, 0.41], &[0.5, 0.4]), error);
     }
 
     #[test]
@@ -433,7 +626,7 @@ mod tests {
             (0.0, 0.5, 1.0)
         );
         // A tenth of the signal's range is a twentieth of what could be stored.
-        let (error, noise) = layers.worst(&[0.55], &[0.5], &[0.005]);
-        assert!((error - 0.1).abs() < 1e-6 && (noise - 0.01).abs() < 1e-6, "{error} {noise}");
+        let (error, _) = layers.worst(&[0.55], &known(&layers, &[0.5], vec![0.0]), 0);
+        assert!((error - 0.1).abs() < 1e-6, "{error}");
     }
 }

@@ -12,6 +12,7 @@
 //! | [`moving`] | parts that animations move |
 //! | [`scenery`] | all files that light is traced in |
 //! | [`layers`] | what stored values mean, and what an error is |
+//! | [`harmonics`] | what an error is where light is a function of the normal |
 //! | [`shade`] | light, fit, classify: rays where a decision is open |
 //! | [`rounds`] | chart, texel, encode, check, until the bound holds |
 //! | [`borders`] | where charts meet color triangles |
@@ -31,6 +32,7 @@ pub mod compare;
 pub mod error;
 pub mod figures;
 pub mod file_light;
+pub mod harmonics;
 pub mod inspect;
 pub mod layers;
 pub mod lighting;
@@ -102,9 +104,9 @@ pub fn bake(
     clock.stage("light");
     let tracer = Tracer::new(surface.casters(), &surface)?;
     surface.turn_hidden_sheets(&tracer, &scenery.lighting);
-    let signal = plan.signals.on(&plan.stage(&surface, &tracer, &scenery.lighting))?;
+    let signal = plan.signals.judged_on(&plan.stage(&surface, &tracer, &scenery.lighting))?;
     let signal = signal.as_ref();
-    options.check_profile(signal.layers())?;
+    options.check_profile(&harmonics::baked(signal))?;
     let mut lit = shade::light_fit_classify(&surface, signal, samples, &plan, &mut clock)?;
     let seen = verify::seen_points(&surface, signal, &lit, &plan, &mut clock);
     lit.tighten(&surface, &seen, &plan);

@@ -275,7 +275,7 @@ fn add_regions(
     let (new_charts, _) = charts(&surface.mesh, &surface.adjacency, &new, &options)?;
     clock.stage("texel");
     let texels = lift(&surface.mesh, &surface.adjacency, &new_charts, plan.seed);
-    let estimates = shade_texels(&surface.mesh, signal, layers, &texels, plan, clock);
+    let estimates = shade_texels(surface, signal, layers, &texels, plan, clock);
 
     let mut region_of: Vec<(TriangleId, usize)> =
         new.iter().enumerate().flat_map(|(r, region)| region.iter().map(move |&t| (t, r))).collect();
@@ -303,7 +303,7 @@ struct TexelLight {
 
 /// Shades every lifted texel until its noise is low enough or its rays are spent.
 fn shade_texels(
-    mesh: &Mesh,
+    surface: &Surface<'_>,
     signal: &dyn Signal,
     layers: &Layers,
     texels: &[ChartTexels],
@@ -326,7 +326,8 @@ fn shade_texels(
         .collect();
     refine(&mut light, signal, &points, &keys, &wanted, clock);
 
-    let unit = layers.filtered_light(mesh, &points, &light, FILTER_RADIUS * plan.radius);
+    let (normals, radius) = (surface.lit_normals(&points), FILTER_RADIUS * plan.radius);
+    let unit = layers.filtered_light(&surface.mesh, &points, normals, &light, radius);
     let channels = layers.channels();
     let mut next = 0..points.len();
     texels
@@ -343,7 +344,7 @@ fn shade_texels(
             for texel in (0..count).filter(|&texel| t.lift[texel].is_some()) {
                 let i = next.next().expect("one point per lifted texel");
                 own.values[texel * channels..][..channels].copy_from_slice(unit.value(i));
-                own.variances[texel] = layers.sigma(unit.sigma(i)).powi(2);
+                own.variances[texel] = unit.noise(i).powi(2);
                 own.valid[texel] = light.valid(i);
                 own.shaded += 1;
                 own.rays += u64::from(light.batches(i)) * u64::from(signal.rays_per_batch());

@@ -71,14 +71,14 @@ impl Lit {
         }
     }
 
-    /// The noise of a sample's worst channel, as an error.
+    /// The noise of a sample's noisiest value, as an error.
     pub fn noise(&self, sample: usize) -> f32 {
-        self.layers.sigma(self.light.sigma(sample))
+        self.light.noise(sample)
     }
 
     /// Whether values break the bound at a sample, beyond the sample's noise.
     pub fn is_beyond(&self, sample: usize, shown: &[f32], limit: f32) -> bool {
-        self.layers.is_beyond(shown, self.light.value(sample), self.light.sigma(sample), limit)
+        self.layers.is_beyond(shown, &self.light, sample, limit)
     }
 
     /// Those of some samples at which what is shown breaks the bound, beyond their noise.
@@ -119,8 +119,9 @@ pub fn light_fit_classify(
     let mut densified = 0;
     loop {
         clock.stage(if layers.are_filtered() { "filter" } else { "fit" });
-        let light =
-            layers.filtered_light(&surface.mesh, &samples.points, &estimates, FILTER_RADIUS * plan.radius);
+        let normals = surface.lit_normals(&samples.points);
+        let radius = FILTER_RADIUS * plan.radius;
+        let light = layers.filtered_light(&surface.mesh, &samples.points, normals, &estimates, radius);
         clock.stage("fit");
         let values = fit_vertices(surface, &samples, &layers, &light, &weights, plan.bounds)?;
         clock.stage("classify");
@@ -191,12 +192,17 @@ fn unsure_triangles(
     mesh.triangle_ids()
         .filter(|&t| verdicts[t.index()] != Verdict::Texture && samples.of_triangle(t).len() < ENOUGH_SAMPLES)
         .filter(|&t| {
-            let corners = mesh.triangles[t.index()];
-            let differs = layers.errors_per_unit().iter().enumerate().any(|(channel, errors)| {
-                let [a, b, c] = corners.map(|v| values[v.index() * layers.channels() + channel]);
-                (a.max(b).max(c) - a.min(b).min(c)) * errors > plan.max_error
-            });
-            differs && mesh.area(t) > least
+            let middle = SurfacePoint { triangle: t, barycentric: [1.0 / 3.0; 2] };
+            let normal = surface.lit_normal(middle);
+            let mut ends = vec![(f32::INFINITY, f32::NEG_INFINITY); layers.judged()];
+            for corner in mesh.triangles[t.index()] {
+                let own = &values[corner.index() * layers.channels()..][..layers.channels()];
+                layers.each_judged(normal, own, |number, value| {
+                    let (low, high) = ends[number];
+                    ends[number] = (low.min(value), high.max(value));
+                });
+            }
+            ends.iter().any(|(low, high)| high - low > plan.max_error) && mesh.area(t) > least
         })
         .collect()
 }
@@ -219,7 +225,7 @@ pub fn light_and_fit(
     refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
     let weights = weights(surface, &samples, &estimates);
     clock.stage("fit");
-    let light = layers.light(&estimates);
+    let light = layers.light(surface.lit_normals(&samples.points), &estimates);
     fit_vertices(surface, &samples, layers, &light, &weights, BakeBounds::Clamp)
 }
 
@@ -327,7 +333,7 @@ pub fn interpolate(
     layers.clamp(out);
 }
 
-/// Each channel of a sample is judged as a sample of its own.
+/// Each judged value of a sample counts as a sample of its own.
 fn classify_triangles(
     surface: &Surface<'_>,
     samples: &Samples,
@@ -337,19 +343,16 @@ fn classify_triangles(
     values: &[f32],
     bound: f32,
 ) -> Vec<Verdict> {
-    let channels = light.channels;
-    let per_unit = layers.errors_per_unit();
-    let mut errors = vec![0.0; light.values.len()];
-    errors.par_chunks_mut(channels).enumerate().for_each(|(i, errors)| {
-        interpolate(surface, layers, values, samples.points[i], errors);
-        for ((error, light), per_unit) in errors.iter_mut().zip(light.value(i)).zip(per_unit) {
-            *error = (*error - light).abs() * per_unit;
-        }
+    let judged = layers.judged();
+    let mut errors = vec![0.0; samples.points.len() * judged];
+    let shown = || vec![0.0; layers.channels()];
+    errors.par_chunks_mut(judged).enumerate().for_each_init(shown, |shown, (i, errors)| {
+        interpolate(surface, layers, values, samples.points[i], shown);
+        layers.each_error(shown, light, i, |number, error, _| errors[number] = error.abs());
     });
-    let sigmas: Vec<f32> =
-        light.sigmas.chunks(channels).flat_map(|s| s.iter().zip(per_unit).map(|(s, k)| s * k)).collect();
-    let valid: Vec<bool> = weights.iter().flat_map(|&w| std::iter::repeat_n(w > 0.0, channels)).collect();
-    let starts: Vec<u32> = samples.triangle_starts().iter().map(|&s| s * channels as u32).collect();
-    let residuals = Residuals { triangle_starts: &starts, errors: &errors, sigmas: &sigmas, valid: &valid };
+    let valid: Vec<bool> = weights.iter().flat_map(|&w| std::iter::repeat_n(w > 0.0, judged)).collect();
+    let starts: Vec<u32> = samples.triangle_starts().iter().map(|&s| s * judged as u32).collect();
+    let residuals =
+        Residuals { triangle_starts: &starts, errors: &errors, sigmas: light.sigmas(), valid: &valid };
     classify(&residuals, bound, CONFIDENCE)
 }

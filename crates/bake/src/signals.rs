@@ -13,6 +13,7 @@ use lightkiln_light::{
 use lightkiln_mesh::SurfacePoint;
 use lightkiln_scene::{Slot, Textures};
 
+use crate::harmonics::Judged;
 use crate::lighting::{AuthoredOcclusion, DEFAULT_BOUNCES, LightOptions};
 use crate::{BakeError, Surface};
 
@@ -223,6 +224,14 @@ impl Signals {
             return stage.times_authored(signal);
         }
         Ok(signal)
+    }
+
+    /// The same, with what their errors are judged by behind their layers ([`Judged`]).
+    ///
+    /// # Errors
+    /// As [`Self::on`].
+    pub fn judged_on<'a>(&self, stage: &Stage<'a>) -> Result<Box<dyn Signal + 'a>, BakeError> {
+        Ok(Judged::on(self.on(stage)?, stage.surface))
     }
 
     /// Whether any of them is traced by rays. What is not has no noise.

@@ -219,6 +219,17 @@ impl<'a> Surface<'a> {
         SurfacePoint { triangle, barycentric }
     }
 
+    /// The shading normal on the side that gets light.
+    pub fn lit_normal(&self, point: SurfacePoint) -> Vec3 {
+        let normal = self.mesh.shading_normal(point);
+        if self.flags(point.triangle).turned { -normal } else { normal }
+    }
+
+    /// The same of many points.
+    pub fn lit_normals(&self, points: &[SurfacePoint]) -> Vec<Vec3> {
+        points.par_iter().map(|&p| self.lit_normal(p)).collect()
+    }
+
     /// The triangles of a part.
     pub fn triangles_of_part(&self, part: usize) -> impl ExactSizeIterator<Item = TriangleId> + use<> {
         (self.part_starts[part]..self.part_starts[part + 1]).map(TriangleId)

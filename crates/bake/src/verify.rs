@@ -12,7 +12,7 @@ use lightkiln_scene::Scene;
 use rayon::prelude::*;
 
 use crate::clock::{Clock, Progress};
-use crate::layers::{BakedLayer, Layers, UnitLight};
+use crate::layers::{Layers, Part, UnitLight};
 use crate::options::{CONFIDENCE, Plan};
 use crate::output::Written;
 use crate::rounds::Shown;
@@ -61,7 +61,7 @@ impl References {
         let mut estimates = Estimates::new(points.len(), signal.channels());
         let wanted = vec![batches; points.len()];
         refine(&mut estimates, signal, &points, &keys, &wanted, clock);
-        let light = layers.light(&estimates);
+        let light = layers.light(surface.lit_normals(&points), &estimates);
         let rays_per_point = u32::from(batches) * signal.rays_per_batch();
         Self { points, estimates, layers: layers.clone(), light, rays_per_point }
     }
@@ -76,9 +76,8 @@ impl References {
         let at = |out: &mut Vec<f32>, i: usize| {
             self.estimates.valid(i).then(|| {
                 shown(self.points[i], out);
-                let (light, sigmas) = (self.light.value(i), self.light.sigma(i));
-                let (error, sigma) = self.layers.worst(out, light, sigmas);
-                PointError { error, sigma, beyond: self.layers.is_beyond(out, light, sigmas, limit) }
+                let (error, sigma) = self.layers.worst(out, &self.light, i);
+                PointError { error, sigma, beyond: self.layers.is_beyond(out, &self.light, i, limit) }
             })
         };
         let buffer = || vec![0.0; self.layers.channels()];
@@ -141,7 +140,7 @@ impl References {
         }
     }
 
-    /// The error of each layer alone.
+    /// The error of each layer alone; harmonics count as one.
     fn by_layer(&self, shown: &Show<'_>) -> Vec<LayerError> {
         let values: Vec<Vec<f32>> = (0..self.points.len())
             .into_par_iter()
@@ -151,16 +150,13 @@ impl References {
                 out
             })
             .collect();
-        let of_layer = |layer: &BakedLayer| {
-            let alone = Layers::of(vec![BakedLayer { first: 0, ..layer.clone() }]);
-            let own = layer.channels();
-            let errors = (0..self.points.len()).filter(|&i| self.estimates.valid(i)).map(|i| {
-                let (light, sigma) = (&self.light.value(i)[own.clone()], &self.light.sigma(i)[own.clone()]);
-                alone.worst(&values[i][own.clone()], light, sigma)
-            });
-            LayerError { signal: layer.layer.name.clone(), hybrid: ErrorSummary::new(errors) }
+        let of_part = |part: &Part| {
+            let errors = (0..self.points.len())
+                .filter(|&i| self.estimates.valid(i))
+                .map(|i| self.layers.worst_of(part.judged.clone(), &values[i], &self.light, i));
+            LayerError { signal: part.name.clone(), hybrid: ErrorSummary::new(errors) }
         };
-        self.layers.layers.iter().map(of_layer).collect()
+        self.layers.parts().iter().map(of_part).collect()
     }
 }
 
@@ -298,7 +294,7 @@ fn point_samples(
         vertices.iter().map(|v| random::hash(plan.seed, u64::from(v.0), UNSEEN_STREAM, 0)).collect();
     let mut light = Estimates::new(points.len(), signal.channels());
     refine(&mut light, signal, &points, &keys, &vec![plan.effort.sample_batches[0]; points.len()], clock);
-    let (unit, channels) = (layers.light(&light), layers.channels());
+    let (unit, channels) = (layers.light(surface.lit_normals(&points), &light), layers.channels());
     let mut values = vec![0.0; mesh.vertex_count() * channels];
     for (i, v) in vertices.iter().enumerate() {
         values[v.index() * channels..][..channels].copy_from_slice(unit.value(i));
@@ -342,8 +338,9 @@ pub fn verify_file(
     let distance = light.extension.bake.reach();
     surface.turn_hidden_sheets(&tracer, &opened.scenery.lighting);
     let seed = options.seed ^ VERIFY_STREAM;
-    let signal = opened.signals.on(&opened.stage(&surface, &tracer, distance, seed))?;
+    let signal = opened.signals.judged_on(&opened.stage(&surface, &tracer, distance, seed))?;
     let signal = signal.as_ref();
+    light.expect(signal)?;
     clock.stage("verify");
     let batches = options.rays.div_ceil(signal.rays_per_batch()).clamp(2, u32::from(u16::MAX)) as u16;
     let fresh = References::trace(&surface, signal, &light.layers, options.points, batches, seed, &clock);

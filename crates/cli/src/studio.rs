@@ -127,7 +127,8 @@ pub fn in_studio<T>(
     if any(&ModeName::is_traced) {
         surface.turn_hidden_sheets(&tracer, &opened.scenery.lighting);
     }
-    let signal = opened.signals.on(&opened.stage(&surface, &tracer, distance, PICTURE_SEED))?;
+    let signal = opened.signals.judged_on(&opened.stage(&surface, &tracer, distance, PICTURE_SEED))?;
+    light.as_ref().map(|light| light.expect(signal.as_ref())).transpose()?;
     let layers = match &light {
         Some(light) => light.layers.clone(),
         None => {
@@ -305,7 +306,7 @@ impl Studio<'_> {
         // A share of the rays for each of the places of a pixel.
         let batches = (self.rays / PLACES.len() as u32).div_ceil(self.signal.rays_per_batch()).max(1);
         let mut sum = vec![0.0; self.layers.channels()];
-        let mut out = sum.clone();
+        let mut out = vec![0.0; self.signal.channels()];
         for batch in 0..batches {
             self.signal.batch(point(hit), key, batch, &mut out);
             sum.iter_mut().zip(&out).for_each(|(sum, value)| *sum += value / batches as f32);
@@ -336,7 +337,8 @@ impl Studio<'_> {
         if self.values == Values::Signal {
             return self.color(&shown) - self.color(&traced);
         }
-        color_of_error(self.layers.worst(&shown, &traced, &vec![0.0; traced.len()]).0)
+        let normal = self.surface.lit_normal(point(hit));
+        color_of_error(self.layers.difference(normal, &shown, &traced))
     }
 
     /// What the colors of a mode mean, where they need words.
@@ -396,7 +398,7 @@ impl Studio<'_> {
         let batches = self.rays.div_ceil(self.signal.rays_per_batch()).clamp(1, u32::from(u16::MAX)) as u16;
         let wanted = vec![batches; points.len()];
         shade::refine(&mut light, self.signal.as_ref(), &points, &keys, &wanted, clock);
-        let traced = self.layers.light(&light);
+        let traced = self.layers.light(self.surface.lit_normals(&points), &light);
         let (Some(file), Some(views)) = (self.light, &self.views) else { return Vec::new() };
         let mut shown = vec![0.0; self.layers.channels()];
         let seen = (0..points.len()).filter(|&i| light.valid(i));
@@ -406,7 +408,7 @@ impl Studio<'_> {
                 at: mesh.position(points[i]).to_array(),
                 normal: mesh.shading_normal(points[i]).to_array(),
                 double_sided: self.surface.flags(points[i].triangle).double_sided,
-                error: self.layers.worst(&shown, traced.value(i), traced.sigma(i)).0,
+                error: self.layers.worst(&shown, &traced, i).0,
             }
         })
         .collect()
@@ -419,7 +421,7 @@ impl Studio<'_> {
         let keys: Vec<u64> = vertices.map(|v| random::hash(PICTURE_SEED, u64::from(v.0), 0, 0)).collect();
         let mut light = Estimates::new(points.len(), self.signal.channels());
         light.refine(self.signal.as_ref(), &points, &keys, &vec![16; points.len()]);
-        self.layers.light(&light).values
+        self.layers.light(self.surface.lit_normals(&points), &light).values
     }
 
     /// Values of the light vertices alone, in unit values, from samples of that radius.
