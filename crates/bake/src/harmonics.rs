@@ -224,7 +224,7 @@ mod tests {
         assert_eq!((layers.channels(), layers.judged(), layers.parts().len()), (12, 12, 1));
         let light = layers.light(surface.lit_normals(&[at; 100]), &estimates);
         let scale = Scale::log(white, 0.0, white);
-        let cosine = std::f32::consts::FRAC_1_SQRT_2;
+        let cosine = FRAC_1_SQRT_2;
         for (k, share) in [0.75, 0.25 + 0.5 * cosine].into_iter().enumerate() {
             let judged = light.judged(9)[3 * k];
             assert!((judged - scale.to_unit(110.0 * share)).abs() < 1e-4, "{judged}");

@@ -81,7 +81,6 @@ pub struct PathTraced<'a> {
     options: PathOptions,
     outputs: Vec<Output>,
     layers: Vec<Layer>,
-    direct: bool,
     indirect: bool,
     harmonics: usize,
 }
@@ -146,7 +145,6 @@ impl<'a> PathTraced<'a> {
             options,
             outputs: outputs.to_vec(),
             layers,
-            direct: outputs.iter().any(|o| *o != Output::Indirect),
             indirect: options.bounces > 0 && outputs.iter().any(|o| *o != Output::Direct),
             harmonics,
         })
@@ -350,9 +348,7 @@ impl Signal for PathTraced<'_> {
             }
         };
         let looks = self.sources.of_point(&receiver, BATCH as f32, stream(stream_key, 2), &mut push);
-        // Where only other light is wanted, batch 0 alone looks for this: see `backs` below.
-        let traced = if self.direct || batch == 0 { count } else { 0 };
-        trace(self.tracer, &receiver, &mut rays[..traced], |ray| {
+        trace(self.tracer, &receiver, &mut rays[..count], |ray| {
             sums.arrive(ray.direction, ray.facing, ray.cosine, ray.share, false);
         });
         let looks_around = self.indirect || self.sources.surround();

@@ -273,7 +273,7 @@ void main() {
     vec3 sh[${count}];
 ${each((k) => `    sh[${k}] = lightkilnLightUnscaleRgb(lightkilnLightRgb(atlas${k}, vColor${k}, vPlace), scale${k});`)}
     vec3 light = lightkilnLightSh${count === 4 ? 1 : 2}(sh, normalize(vNormal + vec3(0.0, 1e-9, 0.0)));
-    vec3 shown = light / scale0.z * exposure;
+    vec3 shown = light / (0.282095 * scale0.z) * exposure;
     color = vec4(encoded(materials ? shown * vBase : shown), 1.0);
 }
 `
