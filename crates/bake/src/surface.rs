@@ -6,6 +6,7 @@ use glam::Vec3;
 use lightkiln_light::{Lighting, SurfaceFlags, Surfaces, Tracer};
 use lightkiln_mesh::{Adjacency, Fans, Mesh, Source, SurfacePoint, TriangleId, VertexId, weld};
 use lightkiln_scene::{Finish, Scene, TriangleFlags};
+use rayon::prelude::*;
 
 use crate::{BakeError, sides};
 
