@@ -25,7 +25,9 @@ struct Look<'a> {
     surface: &'a Surface<'a>,
     tracer: &'a Tracer<'a>,
     /// Up to a tenth of the scene's diagonal.
-    occlusion: AmbientOcclusion<'a>,
+    near: AmbientOcclusion<'a>,
+    /// Up to the distance of the bake, where that is farther.
+    far: Option<AmbientOcclusion<'a>>,
     /// Where lights stand.
     lamps: Vec<Vec3>,
 }
@@ -33,20 +35,27 @@ struct Look<'a> {
 /// Per triangle of the light mesh: the double-sided sheet that it belongs to has its front inside of something, and its
 /// back is the side that is seen.
 ///
-/// A front is inside of something where next to nothing is open within the distance that occlusion has by default,
-/// whatever distance a bake has: without an end, the walls of every closed room would be hidden. A larger part may be
-/// inside out as well: then its front sees itself alone, however far it looks, and no light. In a room there is something
-/// else to see.
+/// A front is inside of something where next to nothing is open within the distance that occlusion has by default. Where
+/// occlusion reaches farther, that alone says nothing: the walls of every closed room are dark without an end. Then the
+/// front must see its own node alone, however far it looks, and no lamp. In a room there is something else to see.
 ///
-/// The decision depends on the geometry and on where lights stand, and not on the seed of a bake, so that a later look at
-/// the same file comes to the same one.
-pub(crate) fn turned(surface: &Surface<'_>, tracer: &Tracer<'_>, lighting: &Lighting) -> Vec<bool> {
+/// - `distance`: what is farther away does not darken, in units of the mesh; may be infinite
+///
+/// The decision depends on the geometry, the distance and on where lights stand, and not on the seed of a bake, so that
+/// a later look at the same file comes to the same one.
+pub(crate) fn turned(
+    surface: &Surface<'_>,
+    tracer: &Tracer<'_>,
+    distance: f32,
+    lighting: &Lighting,
+) -> Vec<bool> {
     let mesh = &surface.mesh;
     let (low, high) = mesh.bounds();
-    let distance = DEFAULT_DISTANCE * (high - low).length();
-    let occlusion = AmbientOcclusion::new(tracer, surface.world(), distance, 0);
+    let occlusion = |distance| AmbientOcclusion::new(tracer, surface.world(), distance, 0);
+    let usual = DEFAULT_DISTANCE * (high - low).length();
+    let far = (distance > usual).then(|| occlusion(distance));
     let lamps = lighting.lights.iter().filter_map(place).collect();
-    let look = Look { surface, tracer, occlusion, lamps };
+    let look = Look { surface, tracer, near: occlusion(usual), far, lamps };
     let (sheet_of, count) = lightkiln_mesh::sheets(mesh);
     let mut triangles: Vec<Vec<TriangleId>> = vec![Vec::new(); count];
     let mut open_to_question = vec![true; count];
@@ -76,24 +85,36 @@ fn place(light: &Light) -> Option<Vec3> {
 
 impl Look<'_> {
     fn is_seen_from_behind(&self, triangles: &[TriangleId]) -> bool {
-        let few = self.openness(triangles, FIRST_POINTS, false);
-        let front = if few > 2.0 * DARK_FRONT { few } else { self.openness(triangles, SIDE_POINTS, false) };
-        // What sees itself alone is dark without an end, however far away its other side is.
-        let front = if front < DARK_FRONT {
-            front
-        } else if self.sees_itself_alone(triangles) {
-            DARK_FRONT
-        } else {
-            return false;
-        };
-        self.openness(triangles, SIDE_POINTS, true) > BRIGHTER_BACK * front + LIT_BACK
+        let front = self.front(&self.near, triangles);
+        if front < DARK_FRONT {
+            return self.back_is_brighter(triangles, front);
+        }
+        let Some(far) = &self.far else { return false };
+        let front = self.front(far, triangles);
+        front < DARK_FRONT && self.sees_itself_alone(triangles) && self.back_is_brighter(triangles, front)
+    }
+
+    /// How open the front of a sheet is; a few points will do where that is more than a little.
+    fn front(&self, occlusion: &AmbientOcclusion<'_>, triangles: &[TriangleId]) -> f32 {
+        let few = self.openness(occlusion, triangles, FIRST_POINTS, false);
+        if few > 2.0 * DARK_FRONT { few } else { self.openness(occlusion, triangles, SIDE_POINTS, false) }
+    }
+
+    fn back_is_brighter(&self, triangles: &[TriangleId], front: f32) -> bool {
+        self.openness(&self.near, triangles, SIDE_POINTS, true) > BRIGHTER_BACK * front + LIT_BACK
     }
 
     /// The ambient occlusion of one side of a sheet by a batch at each of some points.
-    fn openness(&self, triangles: &[TriangleId], points: usize, back: bool) -> f32 {
+    fn openness(
+        &self,
+        occlusion: &AmbientOcclusion<'_>,
+        triangles: &[TriangleId],
+        points: usize,
+        back: bool,
+    ) -> f32 {
         let open = |(point, key)| {
             let mut out = [0.0];
-            self.occlusion.batch_on_side(point, key, 1, back, &mut out);
+            occlusion.batch_on_side(point, key, 1, back, &mut out);
             out[0]
         };
         self.points(triangles, points).map(open).sum::<f32>() / points as f32

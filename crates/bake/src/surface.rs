@@ -239,10 +239,12 @@ impl<'a> Surface<'a> {
 
 impl Surface<'_> {
     /// Finds the double-sided sheets whose front faces the inside of something, and from then on asks for the light on
-    /// their backs: see [`crate::sides`]. To be called once.
-    pub fn turn_hidden_sheets(&self, tracer: &Tracer<'_>, lighting: &Lighting) {
+    /// their backs: see `sides.rs`. To be called once.
+    ///
+    /// - `distance`: what is farther away does not darken, in units of the mesh; may be infinite
+    pub fn turn_hidden_sheets(&self, tracer: &Tracer<'_>, distance: f32, lighting: &Lighting) {
         // A second call finds the same and changes nothing.
-        let _ = self.turned.set(sides::turned(self, tracer, lighting));
+        let _ = self.turned.set(sides::turned(self, tracer, distance, lighting));
     }
 
     /// Whether two triangles of the world are of one node, or one instance of it.

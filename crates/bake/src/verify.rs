@@ -336,7 +336,7 @@ pub fn verify_file(
     let light = FileLight::read(&surface, &file)?;
     let tracer = Tracer::new(surface.casters(), &surface)?;
     let distance = light.extension.bake.reach();
-    surface.turn_hidden_sheets(&tracer, &opened.scenery.lighting);
+    surface.turn_hidden_sheets(&tracer, distance, &opened.scenery.lighting);
     let seed = options.seed ^ VERIFY_STREAM;
     let signal = opened.signals.judged_on(&opened.stage(&surface, &tracer, distance, seed))?;
     let signal = signal.as_ref();

@@ -125,7 +125,7 @@ pub fn in_studio<T>(
     let distance = opened.recipe.as_ref().map_or(usual, Recipe::reach);
     // Which side of a sheet is seen matters to rays that look for light, and takes some of them to find out.
     if any(&ModeName::is_traced) {
-        surface.turn_hidden_sheets(&tracer, &opened.scenery.lighting);
+        surface.turn_hidden_sheets(&tracer, distance, &opened.scenery.lighting);
     }
     let signal = opened.signals.judged_on(&opened.stage(&surface, &tracer, distance, PICTURE_SEED))?;
     light.as_ref().map(|light| light.expect(signal.as_ref())).transpose()?;

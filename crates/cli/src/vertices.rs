@@ -225,7 +225,7 @@ impl Sampling {
         };
         let plan = Plan::new(&options, &surface.mesh)?;
         let tracer = Tracer::new(surface.casters(), &surface).map_err(BakeError::from)?;
-        surface.turn_hidden_sheets(&tracer, &scenery.lighting);
+        surface.turn_hidden_sheets(&tracer, plan.ao_distance, &scenery.lighting);
         let signal = self.signal.on(&plan.stage(&surface, &tracer, &scenery.lighting))?;
         // Where nothing is traced, one look is enough.
         let batches =
