@@ -246,8 +246,8 @@ fn fault_of_fronts_inside_is_not_seen_in_rooms() {
         intensity = [100, 100, 100]\n";
     let lamp = folder.write("lamp.toml", lamp).display().to_string();
     let out = folder.path("out.glb");
-    let of = |input: &Path, signal: &str, extra: &[&str]| {
-        let usual = ["--signal", signal, "--ao-distance", "inf", "--samples", "1500"];
+    let of = |input: &Path, signal: &str, distance: &str, extra: &[&str]| {
+        let usual = ["--signal", signal, "--ao-distance", distance, "--samples", "1500"];
         bake_anyhow(input, &out, &[&usual[..], extra].concat());
         let points = shown_at(&out, 1);
         mean(those(&points, |p| p.node == "room").iter().map(|p| p.values[0]))
@@ -255,9 +255,10 @@ fn fault_of_fronts_inside_is_not_seen_in_rooms() {
     // A lamp of 100 cd in a room of 24 m2 sends 400 pi lm.
     let expected = 400.0 * std::f32::consts::PI / 24.0;
     for input in [&furnished, &empty] {
-        let lux = of(input, "direct", &["--config", &lamp]);
+        let lux = of(input, "direct", "inf", &["--config", &lamp]);
         assert!((lux / expected - 1.0).abs() < 0.12, "{lux} lux for {expected}");
     }
-    let open = [of(&furnished, "ao", &[]), of(&empty, "ao", &[])];
+    let open = [of(&furnished, "ao", "inf", &[]), of(&empty, "ao", "inf", &[]), of(&empty, "ao", "0.6", &[])];
     assert!(open[0] < 0.01 && open[1] > 0.99, "{open:?}");
+    assert!(open[2] > 0.5 && open[2] < 0.97, "the corners of an empty room are darker: {open:?}");
 }

@@ -261,8 +261,9 @@ impl LightOptions {
     /// The lights of a scene and of these options, without its shining surfaces.
     ///
     /// # Errors
-    /// [`BakeError::Option`] and [`BakeError::AreaLight`] for numbers out of their range, [`BakeError::Scene`] for an environment that cannot be
-    /// read, [`BakeError::Environment`] for one that has no light, [`BakeError::Light`] for other light that makes no sense.
+    /// [`BakeError::Option`] and [`BakeError::AreaLight`] for numbers out of their range, [`BakeError::Scene`] for an
+    /// environment that cannot be read, [`BakeError::Environment`] for one that has no light, [`BakeError::Light`] for
+    /// other light that makes no sense.
     pub fn lighting(&self, scene: &Scene) -> Result<Lighting, BakeError> {
         self.check()?;
         let mut lights = Vec::new();

@@ -139,7 +139,7 @@ impl Light {
         self
     }
 
-    /// The first number that makes no sense.
+    /// The first number that makes no sense: what it is.
     pub fn fault(&self) -> Option<&'static str> {
         let color = |c: Vec3| c.is_finite() && c.min_element() >= 0.0;
         let axis = |d: Vec3| d.is_finite() && d.as_dvec3().length_squared() > 0.0;
