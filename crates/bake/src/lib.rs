@@ -104,7 +104,7 @@ pub fn bake(
     clock.stage("light");
     let tracer = Tracer::new(surface.casters(), &surface)?;
     surface.turn_hidden_sheets(&tracer, plan.ao_distance, &scenery.lighting);
-    let signal = plan.signals.judged_on(&plan.stage(&surface, &tracer, plan.ao_distance, &scenery.lighting))?;
+    let signal = plan.signals.judged_on(&plan.stage(&surface, &tracer, &scenery.lighting))?;
     let signal = signal.as_ref();
     options.check_profile(&harmonics::baked(signal))?;
     let mut lit = shade::light_fit_classify(&surface, signal, samples, &plan, &mut clock)?;
