@@ -348,7 +348,7 @@ impl Layers {
                             |of: &[f32]| harmonics.independent_variance(normals[at], color, |c| of[c]);
                         // Filtered coefficients depend on each other as they did before.
                         let share = own[k] / independent(raw);
-                        let variance = independent(variances) * if share.is_finite() { share } else { 1.0 };
+                        let variance = independent(variances) * if share.is_normal() { share } else { 1.0 };
                         *sigma = variance.sqrt() * scale.slope(lux[at][color].max(0.0));
                     }
                 }
