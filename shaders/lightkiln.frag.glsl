@@ -26,7 +26,7 @@ vec3 lightkilnLightTexel(highp sampler2DArray atlas, vec3 place) {
         vec2 position = place.xy * share;
         vec2 texelsByX = (byX.xy - position * byX.z) * share;
         vec2 texelsByY = (byY.xy - position * byY.z) * share;
-        float level = 0.5 * log2(max(1.0, max(dot(texelsByX, texelsByX), dot(texelsByY, texelsByY))));
+        float level = log2(max(1.0, max(dot(texelsByX, texelsByX), dot(texelsByY, texelsByY)))) / 2.0;
         vec3 size = vec3(textureSize(atlas, 0));
         vec2 uv = position / size.xy;
         float page = clamp(floor(uv.y), 0.0, size.z - 1.0);

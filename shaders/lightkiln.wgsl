@@ -91,7 +91,7 @@ fn lightkilnLightTexel(atlas: texture_2d_array<f32>, linear: sampler, place: vec
         let texels_by_x = (by_x.xy - position * by_x.z) * share;
         let texels_by_y = (by_y.xy - position * by_y.z) * share;
         let steps = max(dot(texels_by_x, texels_by_x), dot(texels_by_y, texels_by_y));
-        let level = 0.5 * log2(max(1.0, steps));
+        let level = log2(max(1.0, steps)) / 2.0;
         let size = vec2<f32>(textureDimensions(atlas));
         let uv = position / size;
         let page = clamp(floor(uv.y), 0.0, f32(textureNumLayers(atlas)) - 1.0);
