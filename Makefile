@@ -101,7 +101,7 @@ STOCK = $(patsubst out/scenes/%,out/stock/%,$(filter out/scenes/%,$(BESIDE)))
 
 out/stock/%.glb: $(SCENES_DIR)/%.glb | build
 	@mkdir -p $(@D)
-	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --profile stock --quiet || test $$? = 6
+	$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --profile stock --authored-occlusion replace --quiet || test $$? = 6
 
 side-by-side: $(BESIDE) $(STOCK) build viewer
 	node viewer/scenes/side-by-side.mjs out/side_by_side \

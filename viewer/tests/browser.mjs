@@ -34,7 +34,10 @@ export async function startBrowser({ root = VIEWER, flags = [] } = {}) {
   const args = ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', ...flags]
   const browser = await chromium.launch({ executablePath: executable(), args })
 
-  /** A page of this server or of another one, once it says that it is `ready`, with everything that it complained about in `complaints`. */
+  /**
+   * A page of this server, or of another one by its whole address, once it says that it is `ready`; with everything that it
+   * complained about in `complaints`.
+   */
   async function open(path, viewport = { width: 256, height: 256 }, ready = () => globalThis.ready === true) {
     const page = await browser.newPage({ viewport })
     // Engines are hundreds of modules, and machines may be busy.
