@@ -149,7 +149,7 @@ fn colors_on_a_terminal_only_and_never_with_no_color() {
 #[test]
 fn help_tells_the_exit_codes() {
     let help = succeed(["--help"]);
-    for code in 0..=7 {
+    for code in (0..=7).chain([130]) {
         assert!(help.contains(&format!("{code} ")), "{code} is missing: {help}");
     }
 }

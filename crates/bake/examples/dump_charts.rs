@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let signal = AmbientOcclusion::new(&tracer, &surface.mesh, plan.ao_distance, plan.seed);
     surface.turn_hidden_sheets(&tracer, plan.ao_distance, &Lighting::default());
     let mut lit = shade::light_fit_classify(&surface, &signal, samples, &plan, &mut clock)?;
-    let seen = verify::seen_points(&surface, &signal, &lit, &plan, &mut clock);
+    let seen = verify::seen_points(&surface, &signal, &lit, &plan, &mut clock)?;
     lit.tighten(&surface, &seen, &plan);
     let shown = rounds::chart_texel_encode(&surface, &signal, &lit, &seen, &plan, &mut clock)?;
     let mut text = String::new();

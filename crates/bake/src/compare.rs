@@ -78,13 +78,17 @@ impl Gathered {
         clock: &mut Clock<'_>,
     ) -> Result<Self, BakeError> {
         let mesh = &surface.mesh;
-        clock.stage("sample");
+        clock.stage("sample")?;
         let Samples { points, keys, areas, .. } =
             poisson_disk(mesh, &SampleOptions { radius: plan.radius, seed: plan.seed })?;
-        clock.stage("light");
-        let shade = |points: Vec<SurfacePoint>, keys: &[u64], areas: Vec<f32>, clock: &Clock<'_>| {
+        clock.stage("light")?;
+        let shade = |points: Vec<SurfacePoint>,
+                     keys: &[u64],
+                     areas: Vec<f32>,
+                     clock: &Clock<'_>|
+         -> Result<Lit, BakeError> {
             let mut estimates = Estimates::new(points.len(), signal.channels());
-            refine(&mut estimates, signal, &points, keys, &vec![batches; points.len()], clock);
+            refine(&mut estimates, signal, &points, keys, &vec![batches; points.len()], clock)?;
             let weights = areas
                 .iter()
                 .enumerate()
@@ -94,20 +98,20 @@ impl Gathered {
             let variances = (0..points.len() * channels)
                 .map(|at| estimates.spread_variance_of_mean(at / channels, at % channels))
                 .collect();
-            Lit { points, weights, estimates, variances }
+            Ok(Lit { points, weights, estimates, variances })
         };
         let start = Instant::now();
-        let samples = shade(points, &keys, areas, clock);
+        let samples = shade(points, &keys, areas, clock)?;
         let ray_seconds = start.elapsed().as_secs_f64();
         let (points, keys) =
             fresh_points(mesh, samples.points.len() / FITTED_PER_FRESH, random::finalize(plan.seed));
         let areas = vec![1.0; points.len()];
-        let fresh = shade(points, &keys, areas, clock);
+        let fresh = shade(points, &keys, areas, clock)?;
         let vertices = (0..mesh.vertex_count() as u32).map(VertexId);
         let points: Vec<SurfacePoint> = vertices.clone().map(|v| surface.point_at(v)).collect();
         let keys: Vec<u64> = vertices.map(|v| random::hash(plan.seed, u64::from(v.0), u64::MAX, 0)).collect();
         let areas = vec![1.0; points.len()];
-        let at_vertices = shade(points, &keys, areas, clock).estimates.means().to_vec();
+        let at_vertices = shade(points, &keys, areas, clock)?.estimates.means().to_vec();
         Ok(Self { samples, fresh, at_vertices, ray_seconds, batches })
     }
 }
@@ -252,7 +256,7 @@ pub fn try_all(
     ways: &[Way],
     clock: &mut Clock<'_>,
 ) -> Result<Vec<Tried>, BakeError> {
-    clock.stage("fit");
+    clock.stage("fit")?;
     let observations = gathered.samples.observations();
     let bounds = outside.bounds(range);
     let mut system: Option<(Way, System<'_>)> = None;

@@ -58,6 +58,9 @@ pub enum BakeError {
         /// What differs.
         what: String,
     },
+    /// Whoever watches the bake has stopped it; nothing was written.
+    #[error("the bake was cancelled, and nothing was written")]
+    Cancelled,
     /// A file beside the scene could not be written.
     #[error("cannot write {path}: {source}", path = path.display())]
     Write {

@@ -190,7 +190,7 @@ mod tests {
         }
         fn batch(&self, _: SurfacePoint, key: u64, batch: u32, out: &mut [f32]) -> f32 {
             // All coefficients are up and down together.
-            let facing = 100.0 + key as f32 + if batch % 2 == 0 { 20.0 } else { -20.0 };
+            let facing = 100.0 + key as f32 + if batch.is_multiple_of(2) { 20.0 } else { -20.0 };
             for (k, color) in out.chunks_exact_mut(3).enumerate() {
                 color.fill(facing * basis(Vec3::Y)[k] * cosine_factor(k));
             }

@@ -22,7 +22,8 @@
 //! | [`file_light`] | and back, as a viewer reads them |
 //! | [`verify`] | errors at fresh points |
 //! | [`figures`] | the report |
-//! | [`clock`] | stages and progress |
+//! | [`clock`] | stages, progress, and the way to stop |
+//! | [`snapshot`] | what there is so far, for those who watch |
 //! | [`signals`] | what is baked |
 //! | [`compare`] | vertex values alone, by every method |
 
@@ -45,6 +46,7 @@ pub mod scenery;
 pub mod shade;
 mod sides;
 pub mod signals;
+pub mod snapshot;
 pub mod stored;
 pub mod surface;
 pub mod verify;
@@ -62,6 +64,7 @@ pub use file_light::FileLight;
 pub use lighting::LightOptions;
 pub use options::{BakeOptions, Plan, Quality};
 pub use scenery::{Opened, Opening, Scenery};
+pub use snapshot::Snapshot;
 pub use surface::Surface;
 
 /// What a bake leaves behind beside the files.
@@ -79,7 +82,8 @@ pub struct Baked {
 /// The same input, options and seed give the same bytes for any number of threads.
 ///
 /// # Errors
-/// [`BakeError`]. Nothing is written then, except with [`BakeError::ReadBack`], which is found in the written file.
+/// [`BakeError`], [`BakeError::Cancelled`] when `progress` says so. Nothing is written then, except with
+/// [`BakeError::ReadBack`], which is found in the written file.
 pub fn bake(
     input: &Path,
     output: &Path,
@@ -88,27 +92,29 @@ pub fn bake(
 ) -> Result<Baked, BakeError> {
     let mut clock = Clock::new(progress);
     let options = &BakeOptions { light: options.light_of_profile()?, ..options.clone() };
-    clock.stage("read");
+    clock.stage("read")?;
     let scenery = Scenery::read(input, options.scene, &options.signals, &options.light)?;
     let moving = options.light.moving_parts(&scenery.scene)?;
     // From here on, as the file will say it.
     let light = LightOptions { moving: moving.left_out.into(), ..options.light.clone() };
     let options = &BakeOptions { light, ..options.clone() };
-    clock.stage("weld");
+    clock.stage("weld")?;
     let surface = scenery.surface(&file_name(input), &options.light)?;
     let plan = Plan::new(options, &surface.mesh)?;
     let mut remarks = scenery.remarks(&moving);
     remarks.extend(profiles::remarks(&surface, &plan)?);
-    clock.stage("sample");
-    let samples = poisson_disk(&surface.mesh, &SampleOptions { radius: plan.radius, seed: plan.seed })?;
-    clock.stage("light");
+    clock.show(&Snapshot { surface: &surface, plan: &plan, light: None });
+    clock.stage("light")?;
     let tracer = Tracer::new(surface.casters(), &surface)?;
     surface.turn_hidden_sheets(&tracer, plan.ao_distance, &scenery.lighting);
     let signal = plan.signals.judged_on(&plan.stage(&surface, &tracer, &scenery.lighting))?;
     let signal = signal.as_ref();
     options.check_profile(&harmonics::baked(signal))?;
+    shade::draft(&surface, signal, &plan, &clock)?;
+    clock.stage("sample")?;
+    let samples = poisson_disk(&surface.mesh, &SampleOptions { radius: plan.radius, seed: plan.seed })?;
     let mut lit = shade::light_fit_classify(&surface, signal, samples, &plan, &mut clock)?;
-    let seen = verify::seen_points(&surface, signal, &lit, &plan, &mut clock);
+    let seen = verify::seen_points(&surface, signal, &lit, &plan, &mut clock)?;
     lit.tighten(&surface, &seen, &plan);
     let shown = rounds::chart_texel_encode(&surface, signal, &lit, &seen, &plan, &mut clock)?;
     let written = output::write(&surface, &lit.layers, &shown, &plan, options, output, &mut clock)?;

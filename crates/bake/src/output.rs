@@ -47,7 +47,8 @@ pub fn write(
     output: &Path,
     clock: &mut Clock<'_>,
 ) -> Result<Written, BakeError> {
-    clock.stage("write");
+    clock.stage("write")?;
+    clock.commit();
     let views = shown.stored.views()?;
     let parts = (0..surface.scene.parts.len())
         .map(|p| part_light(surface, layers, shown, &views, plan.profile, p))

@@ -19,14 +19,16 @@ use lightkiln_encode::{
 };
 use lightkiln_light::{Estimates, Signal};
 use lightkiln_mesh::{Mesh, SurfacePoint, TriangleId};
+use lightkiln_sample::Samples;
 use lightkiln_scene::Profile;
 use lightkiln_texel::{Atlas, ChartTexels, StitchOptions, StitchReport, compose, lift, stitch};
 
 use crate::borders::border_holds;
 use crate::clock::Clock;
-use crate::layers::Layers;
+use crate::layers::{Layers, UnitLight};
 use crate::options::{FILTER_RADIUS, GUTTER_TEXELS, Plan};
 use crate::shade::{Lit, refine};
+use crate::snapshot::{Snapshot, SnapshotLight};
 use crate::stored::{Stored, expected_texel_bytes};
 use crate::verify::References;
 use crate::{BakeError, Surface};
@@ -103,7 +105,7 @@ pub fn chart_texel_encode(
     plan: &Plan,
     clock: &mut Clock<'_>,
 ) -> Result<Shown, BakeError> {
-    clock.stage("close");
+    clock.stage("close")?;
     let prices = prices(surface, &lit.layers, plan);
     let mut is_texture = lit.needs_texture.clone();
     if plan.profile == Profile::Lightmap {
@@ -116,7 +118,7 @@ pub fn chart_texel_encode(
     let mut kept = Kept::new();
     let (mut promoted, mut promoted_for_bytes) = (0, 0);
     for round in 1.. {
-        clock.stage("close");
+        clock.stage("close")?;
         fill_notches(&surface.adjacency, &mut is_texture);
         if blends {
             for triangle in promotions(&surface.mesh, &surface.adjacency, &is_texture, &prices) {
@@ -125,7 +127,9 @@ pub fn chart_texel_encode(
             }
         }
         let mut shown = show(surface, signal, lit, &is_texture, &detached, plan, &mut kept, clock)?;
-        clock.stage("check");
+        let light = SnapshotLight { layers: &lit.layers, values: &lit.values, shown: Some(&shown) };
+        clock.show(&Snapshot { surface, plan, light: Some(light) });
+        clock.stage("check")?;
         let wrong = wrong_triangles(surface, lit, seen, &is_texture, &shown, plan)?;
         if wrong.is_empty() || round == plan.effort.rounds {
             shown.is_texture = is_texture;
@@ -145,6 +149,36 @@ pub fn chart_texel_encode(
         }
     }
     unreachable!("the last round returns")
+}
+
+/// What a file would show that has texels everywhere: the lightmap that a bake is compared with.
+///
+/// - `values`: unit values of the light vertices, for triangles without an area
+///
+/// # Errors
+/// Those of the stages.
+pub fn full_texture(
+    surface: &Surface<'_>,
+    signal: &dyn Signal,
+    layers: &Layers,
+    values: &[f32],
+    plan: &Plan,
+    clock: &mut Clock<'_>,
+) -> Result<Shown, BakeError> {
+    let mesh = &surface.mesh;
+    let is_texture: Vec<bool> = mesh.triangle_ids().map(|t| mesh.area(t) > 0.0).collect();
+    let lit = Lit {
+        samples: Samples::default(),
+        estimates: Estimates::new(0, layers.channels()),
+        layers: layers.clone(),
+        light: UnitLight::default(),
+        weights: Vec::new(),
+        values: values.to_vec(),
+        needs_texture: is_texture.clone(),
+        decision_bound: plan.max_error,
+    };
+    let detached = vec![false; mesh.vertex_count()];
+    show(surface, signal, &lit, &is_texture, &detached, plan, &mut Kept::new(), clock)
 }
 
 /// What texels and split vertices cost, before anything is packed.
@@ -193,7 +227,7 @@ fn show(
     let regions = regions(&surface.adjacency, is_texture);
     add_regions(surface, signal, &lit.layers, &regions, plan, kept, clock)?;
 
-    clock.stage("texel");
+    clock.stage("texel")?;
     let mut shown_charts = ShownCharts::default();
     for region in &regions {
         shown_charts.add(&kept[region]);
@@ -208,12 +242,12 @@ fn show(
         ..StitchOptions::default()
     };
     let stitched = stitch(mesh, &charts, &texels, &mut values, channels, &options)?;
-    clock.stage("pack");
+    clock.stage("pack")?;
     let packing = pack(&charts, &PackOptions { gutter: GUTTER_TEXELS, ..PackOptions::default() })?;
     let atlas = compose(&charts, &texels, &values, channels, &packing)?;
     let mut stored = Stored::new(&atlas, &lit.layers, plan.max_error, plan.profile);
 
-    clock.stage("encode");
+    clock.stage("encode")?;
     let (mut codes, mut encoded) = (Vec::new(), EncodeReport::default());
     for (layer, view) in lit.layers.layers.iter().zip(stored.views()?) {
         let own: Vec<f32> =
@@ -270,12 +304,12 @@ fn add_regions(
     clock: &mut Clock<'_>,
 ) -> Result<(), BakeError> {
     let new: Vec<Vec<TriangleId>> = regions.iter().filter(|r| !kept.contains_key(*r)).cloned().collect();
-    clock.stage("chart");
+    clock.stage("chart")?;
     let options = ChartOptions { gutter: GUTTER_TEXELS, ..ChartOptions::new(plan.radius) };
     let (new_charts, _) = charts(&surface.mesh, &surface.adjacency, &new, &options)?;
-    clock.stage("texel");
+    clock.stage("texel")?;
     let texels = lift(&surface.mesh, &surface.adjacency, &new_charts, plan.seed);
-    let estimates = shade_texels(surface, signal, layers, &texels, plan, clock);
+    let estimates = shade_texels(surface, signal, layers, &texels, plan, clock)?;
 
     let mut region_of: Vec<(TriangleId, usize)> =
         new.iter().enumerate().flat_map(|(r, region)| region.iter().map(move |&t| (t, r))).collect();
@@ -309,14 +343,14 @@ fn shade_texels(
     texels: &[ChartTexels],
     plan: &Plan,
     clock: &Clock<'_>,
-) -> Vec<TexelLight> {
+) -> Result<Vec<TexelLight>, BakeError> {
     let lifted = |t: &ChartTexels| -> Vec<(SurfacePoint, u64)> {
         t.lift.iter().zip(&t.keys).filter_map(|(lift, &key)| lift.map(|point| (point, key))).collect()
     };
     let (points, keys): (Vec<SurfacePoint>, Vec<u64>) = texels.iter().flat_map(lifted).unzip();
     let [first, most] = plan.effort.texel_batches;
     let mut light = Estimates::new(points.len(), signal.channels());
-    refine(&mut light, signal, &points, &keys, &vec![first; points.len()], clock);
+    refine(&mut light, signal, &points, &keys, &vec![first; points.len()], clock)?;
     let goal = plan.effort.texel_noise.min(plan.max_error / 3.0).powi(2);
     let wanted: Vec<u16> = (0..points.len())
         .map(|i| {
@@ -324,13 +358,13 @@ fn shade_texels(
             (needed.ceil() as u16).clamp(first, most)
         })
         .collect();
-    refine(&mut light, signal, &points, &keys, &wanted, clock);
+    refine(&mut light, signal, &points, &keys, &wanted, clock)?;
 
     let (normals, radius) = (surface.lit_normals(&points), FILTER_RADIUS * plan.radius);
     let unit = layers.filtered_light(&surface.mesh, &points, normals, &light, radius);
     let channels = layers.channels();
     let mut next = 0..points.len();
-    texels
+    Ok(texels
         .iter()
         .map(|t| {
             let count = t.len();
@@ -355,7 +389,7 @@ fn shade_texels(
             }
             own
         })
-        .collect()
+        .collect())
 }
 
 /// The charts of a round, region after region.

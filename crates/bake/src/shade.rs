@@ -10,12 +10,13 @@ use lightkiln_fit::{Bounds, FitOptions, Observations, fit};
 use lightkiln_light::{Estimates, Signal};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
 use lightkiln_report::TOLERATED_SHARE;
-use lightkiln_sample::Samples;
+use lightkiln_sample::{SampleOptions, Samples, poisson_disk, radius_for};
 use rayon::prelude::*;
 
-use crate::clock::Clock;
+use crate::clock::{Clock, Stoppable};
 use crate::layers::{BakedLayer, Layers, UnitLight};
 use crate::options::{BakeBounds, CONFIDENCE, FILTER_RADIUS, Plan};
+use crate::snapshot::{Snapshot, SnapshotLight};
 use crate::verify::{References, Show};
 use crate::{BakeError, Surface};
 
@@ -95,7 +96,7 @@ impl Lit {
 /// Shades the samples, fits the vertices and classifies the triangles, with more rays where it matters.
 ///
 /// # Errors
-/// [`BakeError::Fit`].
+/// [`BakeError::Fit`] and [`BakeError::Cancelled`].
 pub fn light_fit_classify(
     surface: &Surface<'_>,
     signal: &dyn Signal,
@@ -107,8 +108,8 @@ pub fn light_fit_classify(
     let mut samples = samples;
     let mut estimates = Estimates::new(samples.points.len(), signal.channels());
     let mut wanted = vec![first; samples.points.len()];
-    clock.stage("light");
-    refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
+    clock.stage("light")?;
+    refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock)?;
     let mut weights = weights(surface, &samples, &estimates);
     let layers = Layers::new(signal, &estimates, &weights, plan.white, plan.bounds);
     // Filtering takes longer than tracing a few rays too many, and makes up for most of what they would bring.
@@ -118,13 +119,15 @@ pub fn light_fit_classify(
     }
     let mut densified = 0;
     loop {
-        clock.stage(if layers.are_filtered() { "filter" } else { "fit" });
+        clock.stage(if layers.are_filtered() { "filter" } else { "fit" })?;
         let normals = surface.lit_normals(&samples.points);
         let radius = FILTER_RADIUS * plan.radius;
         let light = layers.filtered_light(&surface.mesh, &samples.points, normals, &estimates, radius);
-        clock.stage("fit");
+        clock.stage("fit")?;
         let values = fit_vertices(surface, &samples, &layers, &light, &weights, plan.bounds)?;
-        clock.stage("classify");
+        let shown = SnapshotLight { layers: &layers, values: &values, shown: None };
+        clock.show(&Snapshot { surface, plan, light: Some(shown) });
+        clock.stage("classify")?;
         let verdicts =
             classify_triangles(surface, &samples, &layers, &light, &weights, &values, plan.max_error);
         let mut open = 0_usize;
@@ -162,12 +165,46 @@ pub fn light_fit_classify(
             wanted = from.iter().map(|f| f.map_or(first, |f| wanted[f as usize])).collect();
             samples = denser;
         }
-        clock.stage("light");
-        refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
+        clock.stage("light")?;
+        refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock)?;
         if open == 0 {
             weights = self::weights(surface, &samples, &estimates);
         }
     }
+}
+
+/// Samples of the first coarse fit, and their batches.
+const DRAFT_SAMPLES: usize = 20_000;
+const DRAFT_BATCHES: u16 = 1;
+
+/// A first coarse fit for those who watch, within seconds whatever the bake will take. Nothing of it is used again, so that
+/// watching changes nothing.
+///
+/// # Errors
+/// [`BakeError::Sample`], [`BakeError::Fit`] and [`BakeError::Cancelled`].
+pub fn draft(
+    surface: &Surface<'_>,
+    signal: &dyn Signal,
+    plan: &Plan,
+    clock: &Clock<'_>,
+) -> Result<(), BakeError> {
+    if !clock.wants_snapshot() {
+        return Ok(());
+    }
+    let mesh = &surface.mesh;
+    let radius = plan.radius.max(radius_for(mesh, DRAFT_SAMPLES));
+    let samples = poisson_disk(mesh, &SampleOptions { radius, seed: plan.seed })?;
+    let mut estimates = Estimates::new(samples.points.len(), signal.channels());
+    let wanted = vec![DRAFT_BATCHES; samples.points.len()];
+    refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock)?;
+    let weights = weights(surface, &samples, &estimates);
+    let layers = Layers::new(signal, &estimates, &weights, plan.white, plan.bounds);
+    let normals = surface.lit_normals(&samples.points);
+    let light = layers.filtered_light(mesh, &samples.points, normals, &estimates, FILTER_RADIUS * radius);
+    let values = fit_vertices(surface, &samples, &layers, &light, &weights, BakeBounds::Clamp)?;
+    let light = SnapshotLight { layers: &layers, values: &values, shown: None };
+    clock.show(&Snapshot { surface, plan, light: Some(light) });
+    Ok(())
 }
 
 /// A triangle with this many samples knows its light as well as three vertex values can.
@@ -210,7 +247,7 @@ fn unsure_triangles(
 /// Shades samples with as many batches each and fits the vertices: least squares alone, for pictures.
 ///
 /// # Errors
-/// [`BakeError::Fit`].
+/// [`BakeError::Fit`] and [`BakeError::Cancelled`].
 pub fn light_and_fit(
     surface: &Surface<'_>,
     signal: &dyn Signal,
@@ -219,12 +256,12 @@ pub fn light_and_fit(
     batches: u16,
     clock: &mut Clock<'_>,
 ) -> Result<Vec<f32>, BakeError> {
-    clock.stage("light");
+    clock.stage("light")?;
     let mut estimates = Estimates::new(samples.points.len(), signal.channels());
     let wanted = vec![batches; samples.points.len()];
-    refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock);
+    refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock)?;
     let weights = weights(surface, &samples, &estimates);
-    clock.stage("fit");
+    clock.stage("fit")?;
     let light = layers.light(surface.lit_normals(&samples.points), &estimates);
     fit_vertices(surface, &samples, layers, &light, &weights, BakeBounds::Clamp)
 }
@@ -233,6 +270,9 @@ pub fn light_and_fit(
 const CHUNK: usize = 1 << 17;
 
 /// Adds rays chunk by chunk and tells the clock; the chunks do not show in the result.
+///
+/// # Errors
+/// [`BakeError::Cancelled`]; the estimates are worthless then.
 pub fn refine(
     estimates: &mut Estimates,
     signal: &dyn Signal,
@@ -240,16 +280,19 @@ pub fn refine(
     keys: &[u64],
     wanted: &[u16],
     clock: &Clock<'_>,
-) {
+) -> Result<(), BakeError> {
+    let signal = &Stoppable { signal, clock };
     let count = points.len();
     let mut now = vec![0; count];
     for start in (0..count).step_by(CHUNK) {
         let end = (start + CHUNK).min(count);
         now[start..end].copy_from_slice(&wanted[start..end]);
         estimates.refine(signal, points, keys, &now);
+        clock.go_on()?;
         now[start..end].fill(0);
         clock.share(end as f32 / count as f32);
     }
+    Ok(())
 }
 
 /// A sheet counts as hidden inside other geometry when less than this share of its area is not.

@@ -48,6 +48,9 @@ struct PointError {
 
 impl References {
     /// Traces `count` fresh points with `batches` batches of rays each.
+    ///
+    /// # Errors
+    /// [`BakeError::Cancelled`].
     pub fn trace(
         surface: &Surface<'_>,
         signal: &dyn Signal,
@@ -56,14 +59,14 @@ impl References {
         batches: u16,
         seed: u64,
         clock: &Clock<'_>,
-    ) -> Self {
+    ) -> Result<Self, BakeError> {
         let (points, keys) = fresh_points(&surface.mesh, count, seed);
         let mut estimates = Estimates::new(points.len(), signal.channels());
         let wanted = vec![batches; points.len()];
-        refine(&mut estimates, signal, &points, &keys, &wanted, clock);
+        refine(&mut estimates, signal, &points, &keys, &wanted, clock)?;
         let light = layers.light(surface.lit_normals(&points), &estimates);
         let rays_per_point = u32::from(batches) * signal.rays_per_batch();
-        Self { points, estimates, layers: layers.clone(), light, rays_per_point }
+        Ok(Self { points, estimates, layers: layers.clone(), light, rays_per_point })
     }
 
     /// Rays traced.
@@ -191,14 +194,17 @@ fn affordable_points(rays: u64, rays_per_point: u64, plan: &Plan) -> usize {
 }
 
 /// Fresh points that may promote triangles while rounds go on.
+///
+/// # Errors
+/// [`BakeError::Cancelled`].
 pub fn seen_points(
     surface: &Surface<'_>,
     signal: &dyn Signal,
     lit: &Lit,
     plan: &Plan,
     clock: &mut Clock<'_>,
-) -> References {
-    clock.stage("check");
+) -> Result<References, BakeError> {
+    clock.stage("check")?;
     let batches = plan.effort.reference_batches;
     let rays_per_point = u64::from(batches) * u64::from(signal.rays_per_batch());
     let count = affordable_points(lit.estimates.rays(), rays_per_point, plan);
@@ -222,7 +228,7 @@ pub fn written_file(
     plan: &Plan,
     clock: &mut Clock<'_>,
 ) -> Result<(Errors, u64), BakeError> {
-    clock.stage("verify");
+    clock.stage("verify")?;
     let scene = Scene::read(&written.scene, &plan.light.read_options(written.scene_number, false))?;
     let file = crate::file_name(&written.scene);
     let again = Surface::with(&scene, &file, plan.light.cast(&scene, &[])?)?;
@@ -235,8 +241,8 @@ pub fn written_file(
     let rays = lit.estimates.rays() + shown.texel_rays;
     let count = affordable_points(rays, rays_per_point, plan);
     let fresh =
-        References::trace(surface, signal, &lit.layers, count, batches, plan.seed ^ UNSEEN_STREAM, clock);
-    let (at_vertices, vertex_rays) = point_samples(surface, signal, &lit.layers, &fresh, plan, clock);
+        References::trace(surface, signal, &lit.layers, count, batches, plan.seed ^ UNSEEN_STREAM, clock)?;
+    let (at_vertices, vertex_rays) = point_samples(surface, signal, &lit.layers, &fresh, plan, clock)?;
 
     let shown = |p: SurfacePoint, out: &mut [f32]| light.show(&views, p, out);
     let mut errors = fresh.judge(surface, &shown, &|p| light.is_texture(p.triangle), plan.max_error);
@@ -283,7 +289,7 @@ fn point_samples(
     fresh: &References,
     plan: &Plan,
     clock: &Clock<'_>,
-) -> (Vec<f32>, u64) {
+) -> Result<(Vec<f32>, u64), BakeError> {
     let mesh = &surface.mesh;
     let mut vertices: Vec<VertexId> =
         fresh.points.iter().flat_map(|p| mesh.triangles[p.triangle.index()]).collect();
@@ -293,13 +299,13 @@ fn point_samples(
     let keys: Vec<u64> =
         vertices.iter().map(|v| random::hash(plan.seed, u64::from(v.0), UNSEEN_STREAM, 0)).collect();
     let mut light = Estimates::new(points.len(), signal.channels());
-    refine(&mut light, signal, &points, &keys, &vec![plan.effort.sample_batches[0]; points.len()], clock);
+    refine(&mut light, signal, &points, &keys, &vec![plan.effort.sample_batches[0]; points.len()], clock)?;
     let (unit, channels) = (layers.light(surface.lit_normals(&points), &light), layers.channels());
     let mut values = vec![0.0; mesh.vertex_count() * channels];
     for (i, v) in vertices.iter().enumerate() {
         values[v.index() * channels..][..channels].copy_from_slice(unit.value(i));
     }
-    (values, light.rays())
+    Ok((values, light.rays()))
 }
 
 /// What `verify` traces.
@@ -327,7 +333,7 @@ pub fn verify_file(
     progress: &dyn Progress,
 ) -> Result<Errors, BakeError> {
     let mut clock = Clock::new(progress);
-    clock.stage("read");
+    clock.stage("read")?;
     let file = crate::file_name(path);
     let environment = options.environment.as_deref();
     let opening = Opening { scene: options.scene, environment, needs_light: true, finish: false };
@@ -341,9 +347,9 @@ pub fn verify_file(
     let signal = opened.signals.judged_on(&opened.stage(&surface, &tracer, distance, seed))?;
     let signal = signal.as_ref();
     light.expect(signal)?;
-    clock.stage("verify");
+    clock.stage("verify")?;
     let batches = options.rays.div_ceil(signal.rays_per_batch()).clamp(2, u32::from(u16::MAX)) as u16;
-    let fresh = References::trace(&surface, signal, &light.layers, options.points, batches, seed, &clock);
+    let fresh = References::trace(&surface, signal, &light.layers, options.points, batches, seed, &clock)?;
     let views = light.views()?;
     let limit = light.extension.max_error;
     let shown = |p: SurfacePoint, out: &mut [f32]| light.show(&views, p, out);

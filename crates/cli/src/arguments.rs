@@ -28,7 +28,7 @@ pub struct Arguments {
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 wrong arguments; 2 a file cannot be read or written; 3 the input is invalid;
 4 the bake failed; 5 the input needs something unsupported; 6 the error bound does not hold;
-7 the byte budget is exceeded.";
+7 the byte budget is exceeded; 130 the bake was cancelled, and nothing was written.";
 
 /// What to do.
 #[derive(Subcommand)]
@@ -71,6 +71,10 @@ pub struct Bake {
     /// Write a Make-style dependency file: all outputs, and every file that was read
     #[arg(long, value_name = "D")]
     pub depfile: Option<PathBuf>,
+    /// Show the bake in a browser while it goes on, on this port of 127.0.0.1 [default: any that is free]. The page can
+    /// cancel it, as Ctrl-C does; afterwards it shows the file until it is closed, or for ten seconds if none was opened
+    #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "0")]
+    pub preview: Option<u16>,
     #[command(flatten)]
     pub common: Common,
 }

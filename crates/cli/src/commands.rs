@@ -2,13 +2,14 @@
 
 use std::io::Write;
 
-use lightkiln_bake::{BakeError, BakeOptions, bake};
-use lightkiln_report::{bytes_text, table};
+use lightkiln_bake::{BakeError, BakeOptions, Baked, bake};
+use lightkiln_report::{Report, bytes_text, table};
 
-use crate::arguments::{Arguments, Bake, Command, Common, Inspect, Verify};
+use crate::arguments::{Arguments, Bake, BakeSettings, Command, Common, Inspect, Verify};
 use crate::files::{check_outputs, depfile, write_whole};
 use crate::messages::{Exit, Failure};
 use crate::pictures;
+use crate::preview::{Followers, Interrupt, Preview};
 use crate::progress::Stages;
 use crate::{vertices, view};
 
@@ -46,10 +47,39 @@ fn run_bake(arguments: &Bake) -> Result<Exit, Failure> {
     use_threads(&arguments.common)?;
     let options = settings.options();
     check_files(arguments, &options)?;
+    let interrupt = Interrupt::listen();
+    let preview =
+        arguments.preview.map(|port| Preview::open(port, lightkiln_bake::file_name(&arguments.output)));
+    let preview = preview.transpose()?;
     let stages = Stages::new(arguments.common.quiet);
-    let baked = bake(&arguments.input, &arguments.output, &options, &stages);
+    let followers = Followers { stages: &stages, interrupt: &interrupt, preview: preview.as_ref() };
+    let baked = bake(&arguments.input, &arguments.output, &options, &followers);
     stages.finish();
-    let mut baked = baked.map_err(|error| Failure::from(error).or_in(&arguments.input))?;
+    let baked = baked.map_err(|error| Failure::from(error).or_in(&arguments.input));
+    let done = baked.and_then(|baked| {
+        let (exit, report) = finish_bake(arguments, &settings, baked)?;
+        let model = preview.as_ref().map(|_| view::baked_model(&arguments.output, settings.scene, &report));
+        Ok((exit, model.transpose()?))
+    });
+    if let Some(preview) = &preview {
+        match &done {
+            Ok((exit, Some(model))) => {
+                let message = exit.as_ref().err().map_or("", Failure::what);
+                preview.show_file(model, message, &interrupt);
+            }
+            Ok(_) => {}
+            Err(failure) => preview.show_failure(failure),
+        }
+    }
+    done?.0
+}
+
+/// Writes and prints what belongs to a bake beside its file. The first result is how the program ends.
+fn finish_bake(
+    arguments: &Bake,
+    settings: &BakeSettings,
+    mut baked: Baked,
+) -> Result<(Result<Exit, Failure>, Report), Failure> {
     baked.report.peak_memory_bytes = peak_memory_bytes();
     let report = &baked.report;
 
@@ -67,6 +97,12 @@ fn run_bake(arguments: &Bake) -> Result<Exit, Failure> {
     } else if !arguments.common.quiet {
         print(&table::render(report))?;
     }
+    let verdict = verdict(arguments, settings, report);
+    Ok((verdict, baked.report))
+}
+
+/// Whether the file is what was asked for.
+fn verdict(arguments: &Bake, settings: &BakeSettings, report: &Report) -> Result<Exit, Failure> {
     if let Some(limit) = settings.max_bytes.filter(|limit| report.bytes.total > limit.0) {
         return Err(over_budget(report.bytes.total, limit.0, &report.bytes.largest));
     }
@@ -196,6 +232,7 @@ impl From<BakeError> for Failure {
             | BakeError::Profile { .. }
             | BakeError::AreaLight { .. }
             | BakeError::AllLeftOut { .. } => Exit::Usage,
+            BakeError::Cancelled => Exit::Cancelled,
             BakeError::Write { .. } => Exit::Files,
             BakeError::Scene(scene) => match scene.kind() {
                 lightkiln_scene::ErrorKind::Files => Exit::Files,
@@ -216,6 +253,9 @@ impl From<BakeError> for Failure {
             BakeError::Scene(scene) => Some(scene.place().to_string()).filter(|p| !p.is_empty()),
             _ => None,
         };
+        if matches!(error, BakeError::Cancelled) {
+            return Self::new(exit, error.to_string());
+        }
         let remedy = error.remedy().unwrap_or_else(|| {
             let advice = match &error {
                 BakeError::Option { .. } => "see `lightkiln bake --help`",

@@ -9,6 +9,8 @@
 //! | [`stations`] | where pictures are taken from |
 //! | [`studio`], [`shaded`] | what they show of one scene |
 //! | [`view`] | the command `view`, and the report as a page |
+//! | [`preview`] | `bake --preview`, and what stops a bake |
+//! | [`shape`] | what the page draws of a scene |
 //! | [`vertices`] | the commands `compare` and `fit` |
 //! | [`messages`] | errors with place and remedy, exit codes |
 //! | [`files`] | outputs that appear whole or not at all |
@@ -19,8 +21,10 @@ mod files;
 mod light;
 mod messages;
 mod pictures;
+mod preview;
 mod progress;
 mod shaded;
+mod shape;
 mod stations;
 mod studio;
 mod vertices;

@@ -24,6 +24,8 @@ pub enum Exit {
     Bound = 6,
     /// The byte budget is exceeded.
     Budget = 7,
+    /// The bake was stopped before its end; as shells have it for Ctrl-C.
+    Cancelled = 130,
 }
 
 impl From<Exit> for ExitCode {
@@ -45,6 +47,16 @@ impl Failure {
     /// A failure that says what is wrong.
     pub fn new(exit: Exit, what: impl Into<String>) -> Self {
         Self { exit, what: what.into(), place: None, remedy: None }
+    }
+
+    /// How the program ends.
+    pub fn exit(&self) -> Exit {
+        self.exit
+    }
+
+    /// What is wrong.
+    pub fn what(&self) -> &str {
+        &self.what
     }
 
     /// Adds where.
@@ -76,6 +88,11 @@ impl Failure {
         Self::new(Exit::Files, format!("cannot write {}: {error}", path.display()))
             .remedy("check that the folder exists, is writable and has room")
     }
+}
+
+/// Says something on the error stream. A closed one is no reason to stop.
+pub fn note(text: &str) {
+    let _ = writeln!(std::io::stderr(), "lightkiln: {text}");
 }
 
 /// Prints a failure and gives its exit code.

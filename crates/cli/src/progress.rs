@@ -1,10 +1,12 @@
 //! Progress: a bar with an estimate of the time left on a terminal, one plain line a stage elsewhere.
 
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::sync::Mutex;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use lightkiln_bake::Progress;
+
+use crate::messages::note;
 
 /// Shows the stages of a bake on the error stream.
 pub struct Stages {
@@ -44,8 +46,7 @@ impl Progress for Stages {
         } else if !self.quiet {
             let Ok(mut last) = self.last.lock() else { return };
             if *last != name {
-                // A closed error stream is no reason to stop a bake.
-                let _ = writeln!(std::io::stderr(), "lightkiln: {name}");
+                note(name);
                 name.clone_into(&mut last);
             }
         }

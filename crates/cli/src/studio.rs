@@ -8,7 +8,10 @@ use glam::{Vec3, Vec4};
 use lightkiln_bake::file_light::Recipe;
 use lightkiln_bake::layers::Layers;
 use lightkiln_bake::options::BakeBounds;
-use lightkiln_bake::{BakeError, Clock, FileLight, Opened, Opening, Surface, options, shade};
+use lightkiln_bake::rounds::{Shown, full_texture};
+use lightkiln_bake::{
+    BakeError, BakeOptions, Clock, FileLight, Opened, Opening, Plan, Quality, Surface, options, shade,
+};
 use lightkiln_encode::AtlasView;
 use lightkiln_light::{Estimates, Hit, Signal, Surfaces, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
@@ -112,7 +115,7 @@ pub fn in_studio<T>(
     work: impl FnOnce(&mut Studio<'_>, &mut Clock<'_>) -> Result<T, Failure>,
 ) -> Result<T, Failure> {
     let file = lightkiln_bake::file_name(look.file);
-    clock.stage("read");
+    clock.stage("read")?;
     let any = |of: &dyn Fn(ModeName) -> bool| look.modes.iter().any(|&mode| of(mode));
     let (needs_light, finish) = (any(&ModeName::needs_bake), any(&ModeName::is_shaded));
     let opened =
@@ -217,7 +220,7 @@ impl Studio<'_> {
         shots: &[Shot],
         clock: &mut Clock<'_>,
     ) -> Result<Vec<Picture>, Failure> {
-        clock.stage("render");
+        clock.stage("render")?;
         let shaped = |color: Vec3, hit: &Hit, ray: &Ray| color * (0.35 + 0.65 * self.clay(hit, ray));
         Ok(match mode {
             ModeName::Clay => self.render(shots, &|hit, ray| Vec3::splat(self.clay(hit, ray))),
@@ -240,7 +243,7 @@ impl Studio<'_> {
                     None => lightkiln_sample::radius_for(&self.surface.mesh, 250_000),
                 };
                 let values = self.least_squares(radius, clock)?;
-                clock.stage("render");
+                clock.stage("render")?;
                 self.render(shots, &|hit, _| self.interpolated(&values, hit))
             }
         })
@@ -390,19 +393,22 @@ impl Studio<'_> {
     }
 
     /// Fresh points with the error of what the file shows there; those inside other geometry are left out.
-    pub fn errors(&self, count: usize, clock: &mut Clock<'_>) -> Vec<ErrorPoint> {
+    ///
+    /// # Errors
+    /// When the work is stopped.
+    pub fn errors(&self, count: usize, clock: &mut Clock<'_>) -> Result<Vec<ErrorPoint>, BakeError> {
         let mesh = &self.surface.mesh;
-        clock.stage("light");
+        clock.stage("light")?;
         let (points, keys) = lightkiln_sample::fresh_points(mesh, count, PICTURE_SEED);
         let mut light = Estimates::new(points.len(), self.signal.channels());
         let batches = self.rays.div_ceil(self.signal.rays_per_batch()).clamp(1, u32::from(u16::MAX)) as u16;
         let wanted = vec![batches; points.len()];
-        shade::refine(&mut light, self.signal.as_ref(), &points, &keys, &wanted, clock);
+        shade::refine(&mut light, self.signal.as_ref(), &points, &keys, &wanted, clock)?;
         let traced = self.layers.light(self.surface.lit_normals(&points), &light);
-        let (Some(file), Some(views)) = (self.light, &self.views) else { return Vec::new() };
+        let (Some(file), Some(views)) = (self.light, &self.views) else { return Ok(Vec::new()) };
         let mut shown = vec![0.0; self.layers.channels()];
         let seen = (0..points.len()).filter(|&i| light.valid(i));
-        seen.map(|i| {
+        let at = |i: usize| {
             file.show(views, points[i], &mut shown);
             ErrorPoint {
                 at: mesh.position(points[i]).to_array(),
@@ -410,8 +416,8 @@ impl Studio<'_> {
                 double_sided: self.surface.flags(points[i].triangle).double_sided,
                 error: self.layers.worst(&shown, &traced, i).0,
             }
-        })
-        .collect()
+        };
+        Ok(seen.map(at).collect())
     }
 
     fn point_samples(&self) -> Vec<f32> {
@@ -432,6 +438,28 @@ impl Studio<'_> {
         let samples = poisson_disk(&self.surface.mesh, &SampleOptions { radius, seed: PICTURE_SEED })
             .map_err(BakeError::from)?;
         Ok(shade::light_and_fit(self.surface, self.signal.as_ref(), self.layers, samples, 8, clock)?)
+    }
+
+    /// A lightmap over everything, with texels of that width.
+    ///
+    /// - `values`: of the light vertices, in unit values
+    ///
+    /// # Errors
+    /// Charts that cannot be cut or packed.
+    pub fn full_texture(
+        &self,
+        values: &[f32],
+        texel_size: f32,
+        clock: &mut Clock<'_>,
+    ) -> Result<Shown, BakeError> {
+        let options = BakeOptions {
+            detail: Some(2.0 * texel_size),
+            quality: Quality::Draft,
+            seed: PICTURE_SEED,
+            ..BakeOptions::default()
+        };
+        let plan = Plan::new(&options, &self.surface.mesh)?;
+        full_texture(self.surface, self.signal.as_ref(), &self.layers, values, &plan, clock)
     }
 }
 

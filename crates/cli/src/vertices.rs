@@ -210,7 +210,7 @@ impl Sampling {
         clock: &mut Clock<'_>,
         work: impl FnOnce(Ready<'_>, &mut Clock<'_>) -> Result<R, Failure>,
     ) -> Result<R, Failure> {
-        clock.stage("read");
+        clock.stage("read")?;
         let signals = Signals(vec![self.signal.clone()]);
         let light = LightOptions { moving: Moving::Keep, ..LightOptions::default() };
         let scenery = Scenery::read(&self.file, self.scene, &signals, &light)?;
@@ -284,7 +284,7 @@ pub fn run_fit(arguments: &Fit) -> Result<Exit, Failure> {
         let (range, outside) = (signal.range(), sampling.bounds.into());
         let tried = try_all(surface, &gathered, range, outside, &arguments.ways(), clock)?;
         if let Some(output) = &arguments.output {
-            clock.stage("render");
+            clock.stage("render")?;
             write_pictures(arguments, view, &ready, &tried, output)?;
         }
         Ok(tried.into_iter().map(|t| t.row).collect::<Vec<_>>())

@@ -1,17 +1,19 @@
 //! The command `view`, and the report as a page: what crates/page shows, gathered from files.
 
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
 
 use clap::Args;
-use glam::Vec3;
 use lightkiln_bake::file_light::{Extension, LayerInfo};
 use lightkiln_bake::stored::Encoding;
 use lightkiln_bake::{BakeError, Clock, Silent};
 use lightkiln_encode::LightCode;
-use lightkiln_light::Scale;
-use lightkiln_page::{Figure, LayerModel, Model, Server, Site, report_page};
+use lightkiln_mesh::{TriangleId, VertexId};
+use lightkiln_page::{ErrorPoint, Figure, FullTexture, LayerModel, Live, Model, Server, Site, report_page};
 use lightkiln_render::picture::BACKGROUND;
-use lightkiln_report::{Report, bytes_text};
+use lightkiln_report::{ErrorSummary, Report, bytes_text};
 use lightkiln_scene::{LayerRead, ReadOptions, Scene};
 use lightkiln_texel::read_png;
 use serde_json::{Map, Value, json};
@@ -22,6 +24,7 @@ use crate::files::write_whole;
 use crate::messages::{Exit, Failure};
 use crate::progress::Stages;
 use crate::shaded::Exposure;
+use crate::shape::{CodeSet, Shape, layer, scale, unlit};
 use crate::stations::Stations;
 use crate::studio::{Look, ModeName, Studio, Values, in_studio};
 
@@ -39,7 +42,8 @@ pub struct View {
     /// The report of the bake, as JSON: its bytes and errors stand in a corner
     #[arg(long, value_name = "R.json")]
     pub report: Option<PathBuf>,
-    /// Trace the light again: a map of errors at about so many points, and vertices alone by least squares
+    /// Trace the light again: a map of errors at about so many points, vertices alone by least squares, and a full
+    /// lightmap
     #[arg(long, value_name = "POINTS", num_args = 0..=1, default_missing_value = "100000",
           value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     pub trace: Option<u32>,
@@ -68,15 +72,53 @@ pub fn run(arguments: &View) -> Result<Exit, Failure> {
         site.export(folder).map_err(|error| Failure::writing(folder, &error))?;
         return Ok(Exit::Done);
     }
-    let serving = |error: std::io::Error| {
-        Failure::new(Exit::Files, format!("cannot serve on port {} of 127.0.0.1: {error}", arguments.port))
-            .remedy("leave --port away for a free one")
-    };
-    let server = Server::bind(site, arguments.port).map_err(serving)?;
-    let address = server.address().map_err(serving)?;
-    print(&format!("http://{address}/\n"))?;
-    server.run().map_err(serving)?;
+    let server = serve(Live::still(site).into(), arguments.port, "--port")?;
+    let address = address_of(&server)?;
+    print(&format!("{address}\n"))?;
+    open_in_browser(&address);
+    server.run().map_err(|error| not_serving(&error, arguments.port, "--port"))?;
     Ok(Exit::Done)
+}
+
+fn not_serving(error: &std::io::Error, port: u16, option: &str) -> Failure {
+    Failure::new(Exit::Files, format!("cannot serve on port {port} of 127.0.0.1: {error}"))
+        .remedy(format!("leave {option} away for a free one"))
+}
+
+/// A server that has its port.
+///
+/// - `option`: which names the port
+///
+/// # Errors
+/// A port that is taken.
+pub fn serve(live: Arc<Live>, port: u16, option: &str) -> Result<Server, Failure> {
+    Server::bind(live, port).map_err(|error| not_serving(&error, port, option))
+}
+
+/// Where a server is to be found.
+///
+/// # Errors
+/// What the system says.
+pub fn address_of(server: &Server) -> Result<String, Failure> {
+    let address = server.address().map_err(|error| not_serving(&error, 0, "the port"))?;
+    Ok(format!("http://{address}/"))
+}
+
+/// Opens a page where somebody sits at a screen; in scripts, and where no browser is known, nothing happens.
+pub fn open_in_browser(address: &str) {
+    let has_screen = !cfg!(target_os = "linux")
+        || ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some());
+    if !has_screen || !std::io::stderr().is_terminal() {
+        return;
+    }
+    let program = match std::env::consts::OS {
+        "macos" => "open",
+        "windows" => "explorer",
+        _ => "xdg-open",
+    };
+    let quiet = Stdio::null;
+    // The address is printed as well: whoever has no such program opens it by hand.
+    let _ = Command::new(program).arg(address).stdin(quiet()).stdout(quiet()).stderr(quiet()).spawn();
 }
 
 /// Writes a report: as a page with pictures of the baked file for a name in `.html`, else as JSON.
@@ -148,20 +190,24 @@ fn figure(
 
 /// Everything that the page shows.
 fn read(arguments: &View, clock: &mut Clock<'_>) -> Result<Model, Failure> {
-    clock.stage("read");
-    let options = ReadOptions { scene: arguments.scene, surfaces: true, ..ReadOptions::default() };
+    clock.stage("read")?;
+    let options = ReadOptions { scene: arguments.scene, ..ReadOptions::default() };
     let scene = Scene::read(&arguments.file, &options).map_err(BakeError::from)?;
     let mut gathered = gather(&scene, &lightkiln_bake::file_name(&arguments.file))?;
     let report = arguments.report.as_deref().map(read_report).transpose()?;
-    gathered.model.figures = match &report {
-        Some(report) => report_figures(report),
-        None => file_figures(&arguments.file)?,
+    let mut lines = match &report {
+        Some(report) => report_lines(report),
+        None => file_lines(&arguments.file)?,
     };
     if let Some(points) = arguments.trace {
         let look = look(&arguments.file, arguments.scene, &[ModeName::Error]);
         in_studio(&look, clock, |studio, clock| trace(studio, points as usize, &mut gathered, clock))?;
+        if report.is_none() {
+            lines.extend(traced_lines(&gathered.rest.errors));
+        }
     }
-    Ok(gathered.model)
+    gathered.rest.figures = figures_of(lines);
+    Ok(gathered.model())
 }
 
 fn read_report(path: &Path) -> Result<Report, Failure> {
@@ -173,97 +219,90 @@ fn read_report(path: &Path) -> Result<Report, Failure> {
     })
 }
 
-/// A model, and where its vertices come from.
+/// What the page shows of a baked file, before it is one model.
 struct Gathered {
-    model: Model,
-    /// First vertex of each part.
-    firsts: Vec<u32>,
+    shape: Shape,
+    /// Without codes.
+    layers: Vec<LayerModel>,
+    /// One set of codes a layer, as the file has them.
+    codes: Vec<CodeSet>,
+    /// Of vertices alone, and of texels everywhere: one a layer each, once they are traced.
+    traced: Vec<CodeSet>,
+    fallback: Vec<Vec<[[f32; 3]; 3]>>,
+    /// What is traced or read beside the light, in a model of nothing else.
+    rest: Model,
 }
 
-/// Coverage below which a triangle counts as glass, which the page looks through.
-const THIN: f32 = 0.25;
-
-/// Places at which a corner's color and coverage are looked up: weights of this and the other two corners.
-const NEAR: [[f32; 3]; 4] = [[0.8, 0.1, 0.1], [0.6, 0.2, 0.2], [0.6, 0.35, 0.05], [0.6, 0.05, 0.35]];
+impl Gathered {
+    fn model(mut self) -> Model {
+        let count = self.layers.len();
+        self.codes.append(&mut self.traced);
+        let (model, codes) = self.shape.lit(&self.codes, &self.fallback);
+        for (number, codes) in codes.into_iter().enumerate() {
+            let layer = &mut self.layers[number % count];
+            match (number / count, &mut layer.full) {
+                (0, _) => layer.codes = codes,
+                (1, _) => layer.vertex_codes = codes,
+                (_, Some(full)) => full.codes = codes,
+                (_, None) => {}
+            }
+        }
+        let Model { page_size, full_size, texel_size, max_error, errors, area_per_error, figures, .. } =
+            self.rest;
+        let layers = self.layers;
+        Model {
+            layers,
+            page_size,
+            full_size,
+            texel_size,
+            max_error,
+            errors,
+            area_per_error,
+            figures,
+            ..model
+        }
+    }
+}
 
 fn gather(scene: &Scene, file: &str) -> Result<Gathered, Failure> {
     let lightmap = scene.read_lightmap().map_err(BakeError::from)?;
     let Some(lightmap) = lightmap else { return Err(BakeError::NotBaked { file: file.to_owned() }.into()) };
     let extension: Extension = serde_json::from_value(lightmap.extension.clone())
         .map_err(|e| BakeError::ReadBack { what: format!("the extension of {file}: {e}") })?;
+    let layers: Vec<LayerModel> = lightmap.layers.iter().map(read_layer).collect::<Result<_, _>>()?;
     let coordinates = extension.coordinates();
-    let fallback = scene.read_fallback().map_err(BakeError::from)?;
-    let has_fallback = fallback.iter().any(|part| !part.is_empty());
-    let mut model = Model {
-        name: file.to_owned(),
-        page_size: extension.page_size.unwrap_or_default(),
-        texel_size: extension.texel_size,
-        max_error: extension.max_error,
-        layers: lightmap.layers.iter().map(layer).collect::<Result<_, _>>()?,
-        ..Model::default()
+    let code = |value| coordinates.map_or(LightCode(value), |c| c.code(value));
+    let part = |read: &LayerRead, number: usize| -> Result<Vec<[LightCode; 3]>, BakeError> {
+        let light = extension.corners(read, number).ok_or_else(|| BakeError::ReadBack {
+            what: format!("part {number} of {file} has coordinates that stand for no light"),
+        })?;
+        Ok(light.iter().map(|corners| corners.map(code)).collect())
     };
-    let mut firsts = Vec::new();
-    for (number, part) in scene.parts.iter().enumerate() {
-        let first = model.positions.len() as u32;
-        firsts.push(first);
-        model.part_names.push(scene.part_name(number));
-        model.positions.extend(part.positions.iter().map(|p| p.to_array()));
-        model.normals.extend(part.normals.iter().map(|n| n.to_array()));
-        model.parts.resize(model.positions.len(), number as u32);
-        let count = part.positions.len();
-        let mut colors = vec![(Vec3::ZERO, 0.0_f32); count];
-        for (triangle, corners) in part.triangles.iter().enumerate() {
-            let mut coverage = 0.0;
-            for (corner, &vertex) in corners.iter().enumerate() {
-                for near in NEAR {
-                    // Weights of the triangle's second and third corner.
-                    let weights = [1, 2].map(|k| near[(k + 3 - corner) % 3]);
-                    let color = Vec3::from(scene.triangle_albedo(number, triangle, weights));
-                    let (sum, points) = &mut colors[vertex as usize];
-                    (*sum, *points) = (*sum + color, *points + 1.0);
-                    coverage += scene.triangle_opacity(number, triangle, weights) / (3 * NEAR.len()) as f32;
-                }
-            }
-            let flags = scene.triangle_flags(number, triangle);
-            if coverage >= THIN || !flags.translucent {
-                let list = if flags.double_sided { &mut model.double_sided } else { &mut model.single_sided };
-                list.push(corners.map(|v| v + first));
-            }
-        }
-        model.base_colors.extend(colors.iter().map(|(sum, points)| (*sum / points.max(1.0)).to_array()));
-        for (layer, read) in model.layers.iter_mut().zip(&lightmap.layers) {
-            // Parts without light are as bright as white.
-            let white = if layer.white > 0.0 { (1.0 - layer.scale[0]) / layer.scale[1] } else { 1.0 };
-            layer.codes.resize(layer.codes.len() + count, LightCode::color_of(&vec![white; layer.channels]));
-            let own = &mut layer.codes[first as usize..];
-            let light = extension.corners(read, number).ok_or_else(|| BakeError::ReadBack {
-                what: format!("part {number} of {file} has coordinates that stand for no light"),
-            })?;
-            for (corners, codes) in part.triangles.iter().zip(light.iter()) {
-                corners.iter().zip(codes).for_each(|(&v, &value)| {
-                    own[v as usize] = coordinates.map_or(LightCode(value), |c| c.code(value));
-                });
-            }
-        }
-        if has_fallback {
-            model.fallback.resize(model.positions.len(), [1.0; 3]);
-            for (corners, values) in part.triangles.iter().zip(&fallback[number]) {
-                corners.iter().zip(values).for_each(|(&v, &x)| model.fallback[(v + first) as usize] = x);
-            }
-        }
-    }
-    Ok(Gathered { model, firsts })
+    let codes_of = |(read, layer): (&LayerRead, &LayerModel)| -> Result<CodeSet, BakeError> {
+        let parts = (0..scene.parts.len()).map(|number| part(read, number)).collect::<Result<_, _>>()?;
+        Ok(CodeSet { parts, unlit: unlit(layer) })
+    };
+    Ok(Gathered {
+        shape: Shape::new(scene, file)?,
+        codes: lightmap.layers.iter().zip(&layers).map(codes_of).collect::<Result<_, _>>()?,
+        traced: Vec::new(),
+        fallback: scene.read_fallback().map_err(BakeError::from)?,
+        rest: Model {
+            page_size: extension.page_size.unwrap_or_default(),
+            texel_size: extension.texel_size,
+            max_error: extension.max_error,
+            ..Model::default()
+        },
+        layers,
+    })
 }
 
 /// A layer with its images, still without codes.
-fn layer(read: &LayerRead) -> Result<LayerModel, Failure> {
+fn read_layer(read: &LayerRead) -> Result<LayerModel, Failure> {
     let info: LayerInfo = serde_json::from_value(Value::Object(read.info.clone()))
         .map_err(|e| BakeError::ReadBack { what: format!("a layer: {e}") })?;
-    let [low, high] = info.range;
-    let white = if info.curve == "log" { info.white.unwrap_or(1.0) } else { 0.0 };
-    let scale = if white > 0.0 { Scale::log(white, low, high) } else { Scale::linear(low, high) };
     let encoding = info
-        .encoding(scale)
+        .encoding(scale(&info))
         .ok_or_else(|| BakeError::ReadBack { what: format!("the layer {} has no encoding", info.signal) })?;
     let pages: Vec<_> = read
         .pages
@@ -276,57 +315,76 @@ fn layer(read: &LayerRead) -> Result<LayerModel, Failure> {
     let unit = |number: f32| encoding.unit(encoding.from_image(number));
     let table = read.table.as_ref().map(|table| read_png(&table.png)).transpose().map_err(BakeError::from)?;
     Ok(LayerModel {
-        channels: info.channels,
-        range: info.range,
-        white,
-        scale: [scale.perceived(low), scale.perceived(high) - scale.perceived(low), white],
-        clamp: info.clamp,
         bits,
         pages: pages.into_iter().map(|page| page.values.into_iter().map(unit).collect()).collect(),
         table: table.map(|table| table.values),
-        signal: info.signal,
-        curve: info.curve,
-        unit: info.unit,
-        ..LayerModel::default()
+        ..layer(info)
     })
 }
 
-/// Vertices alone never take more samples than about this.
-const VERTEX_SAMPLES: usize = 250_000;
+/// Vertices alone and texels everywhere never take more samples or texels than about this.
+const MOST_SAMPLES: usize = 250_000;
 
-/// Adds what takes rays: errors at points, and vertex values alone.
+/// Adds what takes rays: errors at points, vertex values alone, and a lightmap over everything.
 fn trace(
     studio: &Studio<'_>,
     points: usize,
     gathered: &mut Gathered,
     clock: &mut Clock<'_>,
 ) -> Result<(), Failure> {
-    let mesh = &studio.surface.mesh;
-    let model = &mut gathered.model;
-    model.errors = studio.errors(points, clock);
+    let (surface, layers) = (studio.surface, &studio.layers.layers);
+    let mesh = &surface.mesh;
+    let rest = &mut gathered.rest;
+    rest.errors = studio.errors(points, clock)?;
     let area: f64 = mesh.triangle_ids().map(|t| mesh.area(t)).sum();
-    model.area_per_error = (area / points.max(1) as f64) as f32;
-    let radius = model.texel_size.max(lightkiln_sample::radius_for(mesh, VERTEX_SAMPLES));
+    rest.area_per_error = (area / points.max(1) as f64) as f32;
+    let radius = rest.texel_size.max(lightkiln_sample::radius_for(mesh, MOST_SAMPLES));
     let values = studio.least_squares(radius, clock)?;
+    let full = studio.full_texture(&values, radius, clock)?;
+    rest.full_size = full.stored.size;
     let channels = studio.layers.channels();
-    for (layer, baked) in model.layers.iter_mut().zip(&studio.layers.layers) {
-        layer.vertex_codes = layer.codes.clone();
-        for (number, part) in studio.surface.scene.parts.iter().enumerate() {
-            let ids = studio.surface.triangles_of_part(number);
-            for (id, corners) in ids.zip(&part.triangles) {
-                for (light, own) in mesh.triangles[id.index()].iter().zip(corners) {
-                    let at = light.index() * channels;
-                    let value = LightCode::color_of(&values[at..at + channels][baked.channels()]);
-                    layer.vertex_codes[(gathered.firsts[number] + own) as usize] = value;
-                }
-            }
-        }
+    for (own, baked) in gathered.layers.iter().zip(layers) {
+        let of_vertex = |v: VertexId| LightCode::color_of(&values[v.index() * channels..][baked.channels()]);
+        let codes = |t: TriangleId| mesh.triangles[t.index()].map(of_vertex);
+        gathered.traced.push(CodeSet::of(surface, unlit(own), codes));
+    }
+    for (number, own) in gathered.layers.iter_mut().enumerate() {
+        let codes = |t: TriangleId| full.codes[number].of_triangle(mesh, t);
+        gathered.traced.push(CodeSet::of(surface, unlit(own), codes));
+        let pages = full.stored.layers[number].pages.clone();
+        own.full = Some(FullTexture { pages, ..FullTexture::default() });
     }
     Ok(())
 }
 
-/// Bytes and errors of a report, as lines of two words each.
-fn report_figures(report: &Report) -> Map<String, Value> {
+/// The page of a file that a bake has just written, with the figures of its report.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn baked_model(file: &Path, scene: Option<usize>, report: &Report) -> Result<Model, Failure> {
+    let options = ReadOptions { scene, ..ReadOptions::default() };
+    let scene = Scene::read(file, &options).map_err(BakeError::from)?;
+    let mut gathered = gather(&scene, &lightkiln_bake::file_name(file))?;
+    gathered.rest.figures = figures_of(report_lines(report));
+    Ok(gathered.model())
+}
+
+/// What the corner shows: a label and a value a line.
+type Lines = Vec<[String; 2]>;
+
+fn figures_of(lines: Lines) -> Map<String, Value> {
+    Map::from_iter([("lines".to_owned(), json!(lines))])
+}
+
+/// Errors at traced points, whose noise is in them.
+fn traced_lines(errors: &[ErrorPoint]) -> Lines {
+    let summary = ErrorSummary::new(errors.iter().map(|point| (point.error, 0.0)));
+    let of = |label: &str, value: f32| [label.to_owned(), format!("{value:.4}")];
+    vec![of("RMSE, traced", summary.rmse), of("99 % below", summary.p99), of("largest error", summary.max)]
+}
+
+/// Bytes and errors of a report.
+fn report_lines(report: &Report) -> Lines {
     let (bytes, errors) = (&report.bytes, &report.errors);
     let mut lines = vec![
         ["light on the GPU".to_owned(), bytes_text(bytes.total)],
@@ -339,11 +397,11 @@ fn report_figures(report: &Report) -> Map<String, Value> {
     if let Some(vertices) = &errors.least_squares {
         lines.push(["RMSE of vertices alone".to_owned(), format!("{:.4}", vertices.rmse)]);
     }
-    Map::from_iter([("lines".to_owned(), json!(lines))])
+    lines
 }
 
 /// What the file alone tells.
-fn file_figures(file: &Path) -> Result<Map<String, Value>, Failure> {
+fn file_lines(file: &Path) -> Result<Lines, Failure> {
     let inspection = lightkiln_bake::inspect::inspect(file)?;
     let mut lines = Vec::new();
     if let Some(light) = &inspection.light {
@@ -351,5 +409,5 @@ fn file_figures(file: &Path) -> Result<Map<String, Value>, Failure> {
         lines.push(["of it texels".to_owned(), bytes_text(light.atlas + light.mips)]);
     }
     lines.push(["the file".to_owned(), bytes_text(inspection.file_bytes)]);
-    Ok(Map::from_iter([("lines".to_owned(), json!(lines))]))
+    Ok(lines)
 }

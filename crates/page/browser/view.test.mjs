@@ -6,26 +6,18 @@ import { execFileSync, spawn } from 'node:child_process'
 import { existsSync, mkdtempSync, readFileSync, readdirSync, rmSync } from 'node:fs'
 import { request } from 'node:http'
 import { tmpdir } from 'node:os'
-import { join } from 'node:path'
+import { dirname, join } from 'node:path'
 import { after, before, test } from 'node:test'
-import { fileURLToPath } from 'node:url'
-import { createRequire } from 'node:module'
 
-const ROOT = fileURLToPath(new URL('../../..', import.meta.url))
-const PROGRAM = process.env.LIGHTKILN ?? join(ROOT, 'target/release/lightkiln')
-const { chromium } = createRequire(join(ROOT, 'viewer/package.json'))('playwright-core')
+import { PROGRAM, ROOT, launch } from './browser.mjs'
+
 
 const run = (...args) => execFileSync(PROGRAM, args, { encoding: 'utf8', stdio: ['ignore', 'pipe', 'pipe'] })
 const folder = mkdtempSync(join(tmpdir(), 'lightkiln-view-'))
 const file = (name) => join(folder, name)
 
 let browser
-before(async () => {
-  const known = [process.env.CHROMIUM, '/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome']
-  const executablePath = known.find((path) => path && existsSync(path))
-  const args = ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--hide-scrollbars']
-  browser = await chromium.launch({ executablePath, args })
-})
+before(async () => (browser = await launch()))
 after(async () => {
   await browser?.close()
   rmSync(folder, { recursive: true })
@@ -64,20 +56,22 @@ async function view(args, use, context = {}) {
   }
 }
 
-/** The scene as bytes, from the top, with some of the state changed; the atlas is off. */
-const shot = (page, changes) =>
-  page.evaluate((changes) => {
+/** The light as bytes, from the top, with some of the state changed; colors of materials and the atlas are off. */
+const shot = async (page, changes) => {
+  const base64 = await page.evaluate((changes) => {
     const { state, renderer, paint } = globalThis.lightkiln
     document.getElementById('show-atlas').checked = false
-    Object.assign(state, changes)
+    Object.assign(state, { materials: false, ...changes })
     paint()
     const { gl, canvas } = renderer
     const pixels = new Uint8Array(4 * canvas.width * canvas.height)
     gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels)
     const rows = []
-    for (let row = canvas.height - 1; row >= 0; row--) rows.push(...pixels.subarray(4 * row * canvas.width, 4 * (row + 1) * canvas.width))
-    return rows
+    for (let row = canvas.height - 1; row >= 0; row--) rows.push(String.fromCharCode(...pixels.subarray(4 * row * canvas.width, 4 * (row + 1) * canvas.width)))
+    return btoa(rows.join(''))
   }, changes)
+  return Buffer.from(base64, 'base64')
+}
 
 /** A picture file as bytes. */
 const decoded = (page, png) =>
@@ -164,7 +158,7 @@ test('every way of showing and every overlay is a picture of its own', async () 
   const baked = bake(join(ROOT, 'data/cornell_box.glb'), 'box.glb')
   await view([baked, '--trace', '20000', '--report', `${baked}.json`], async (page) => {
     const pictures = []
-    for (const left of ['hybrid', 'vertices', 'fallback', 'none']) pictures.push([left, await shot(page, { left, divider: 1, overlay: 'none' })])
+    for (const left of ['hybrid', 'vertices', 'full', 'fallback', 'none']) pictures.push([left, await shot(page, { left, divider: 1, overlay: 'none' })])
     for (const overlay of ['classes', 'charts', 'density', 'error']) pictures.push([overlay, await shot(page, { left: 'hybrid', overlay })])
     pictures.push(['wireframe', await shot(page, { overlay: 'none', wireframe: true })])
     for (const [name, pixels] of pictures) {
@@ -175,10 +169,13 @@ test('every way of showing and every overlay is a picture of its own', async () 
       }
     }
     // Left and right of the divider are what the two are alone.
-    const [hybrid, none] = [pictures[0][1], pictures[3][1]]
+    const [hybrid, none] = ['hybrid', 'none'].map((name) => pictures.find(([other]) => other === name)[1])
     const both = await shot(page, { left: 'hybrid', right: 'none', divider: 0.5, wireframe: false })
     const mixed = both.filter((v, i) => v !== ((i / 4) % 512 < 256 ? hybrid : none)[i]).length
     assert.ok(mixed < both.length * 1e-3, `${mixed} bytes differ`)
+    // A lightmap over everything is the same light.
+    const full = pictures.find(([name]) => name === 'full')[1]
+    assert.ok(difference(full, hybrid).rmse < 0.03, `the full lightmap is ${difference(full, hybrid).rmse} off`)
     assert.match(await page.locator('#figures').textContent(), /light on the GPU[\d.]+ [kM]?i?B.*RMSE/)
   })
 })
@@ -219,6 +216,48 @@ test('pointing at the scene finds the texel, and pointing at the texel finds the
   })
 })
 
+test('surfaces have the colors of their textures, times the light', async (t) => {
+  execFileSync(join(dirname(PROGRAM), 'lightkiln-props'), ['picture', '-o', file('picture.in.glb')])
+  const baked = bake(file('picture.in.glb'), 'picture.glb', '--samples', '20000')
+  await view([baked], async (page) => {
+    await page.waitForFunction(() => {
+      const { pictures, white } = globalThis.lightkiln.renderer
+      return pictures.size > 0 && [...pictures.values()].every(({ texture }) => texture !== white)
+    })
+    const [light, shown] = [await shot(page, { left: 'hybrid', divider: 1 }), await shot(page, { materials: true })]
+    // Texels under a grid of pixels, looked up as glTF says, nearest.
+    const albedo = await page.evaluate(async () => {
+      const { state, model, renderer } = globalThis.lightkiln
+      const { image } = model.about.textures[0]
+      const bitmap = await createImageBitmap(await (await fetch(image)).blob(), { colorSpaceConversion: 'none' })
+      const canvas = Object.assign(document.createElement('canvas'), { width: bitmap.width, height: bitmap.height })
+      const context = canvas.getContext('2d')
+      context.drawImage(bitmap, 0, 0)
+      const uvs = model.numbers('uvs', Float32Array)
+      const found = []
+      for (let y = 4; y < 512; y += 8) {
+        for (let x = 4; x < 512; x += 8) {
+          const hit = renderer.pick(state, x + 0.5, y + 0.5, false)
+          if (!hit) continue
+          const corners = [...model.corners(hit.triangle)]
+          const at = [0, 1].map((k) => corners.reduce((sum, v, c) => sum + hit.weights[c] * uvs[2 * v + k], 0))
+          const texel = [bitmap.width, bitmap.height].map((size, k) => Math.min(size - 1, Math.floor((at[k] - Math.floor(at[k])) * size)))
+          found.push({ pixel: 512 * y + x, rgb: [...context.getImageData(...texel, 1, 1).data].slice(0, 3) })
+        }
+      }
+      return found
+    })
+    assert.ok(albedo.length > 500, `${albedo.length} pixels`)
+    const linear = (byte) => (byte / 255 <= 0.04045 ? byte / 255 / 12.92 : ((byte / 255 + 0.055) / 1.055) ** 2.4)
+    const errors = albedo.flatMap(({ pixel, rgb }) => rgb.map((value, c) => Math.abs(linear(shown[4 * pixel + c]) - linear(value) * linear(light[4 * pixel + c]))))
+    errors.sort((a, b) => a - b)
+    const [median, most] = [errors[errors.length >> 1], errors[Math.floor(0.9 * errors.length)]]
+    t.diagnostic(`${albedo.length} pixels: median ${median.toFixed(4)}, nine of ten below ${most.toFixed(4)}`)
+    // Texels between two are mixed in the page.
+    assert.ok(median < 0.02, `median ${median}`)
+  })
+})
+
 test('keys and touch do what the list of keys says', async () => {
   const baked = bake(join(ROOT, 'data/column.glb'), 'column.glb')
   const state = (page) => page.evaluate(() => {
@@ -232,7 +271,7 @@ test('keys and touch do what the list of keys says', async () => {
     assert.ok(now.azimuth !== start.azimuth && now.elevation > start.elevation && now.distance < start.distance)
     assert.notDeepEqual(now.target, start.target)
     assert.deepEqual([now.left, now.right], [start.right, start.left])
-    assert.deepEqual([now.overlay, now.materials, now.wireframe, now.divider], ['density', true, true, 0.55])
+    assert.deepEqual([now.overlay, now.materials, now.wireframe, now.divider], ['density', false, true, 0.55])
     await page.keyboard.press('r')
     assert.equal((await state(page)).azimuth, start.azimuth)
     await page.keyboard.press('?')

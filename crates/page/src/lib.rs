@@ -10,6 +10,7 @@
 //! | [`model`] | a baked scene as the viewer takes it: one block of numbers and a description |
 //! | [`charts`] | charts, found again from codes |
 //! | [`site`] | the viewer's files |
+//! | [`live`] | a site that changes while a bake goes on |
 //! | [`server`] | serves a site to this machine and to nobody else |
 //!
 //! The viewer itself lies in `viewer/`: plain ES modules and WebGL 2 around the functions of `shaders/`, with no
@@ -18,13 +19,15 @@
 pub mod advice;
 pub mod charts;
 pub mod html;
+pub mod live;
 pub mod model;
 pub mod report;
 pub mod server;
 pub mod site;
 pub mod svg;
 
-pub use model::{ErrorPoint, LayerModel, Model};
+pub use live::{Live, Phase, Status};
+pub use model::{ErrorPoint, FullTexture, Group, Image, LayerModel, Model, Texture};
 pub use report::{Figure, report_page};
 pub use server::Server;
 pub use site::Site;

@@ -31,14 +31,56 @@ pub struct LayerModel {
     pub unit: String,
     /// Per vertex.
     pub codes: Vec<LightCode>,
-    /// Per vertex: least-squares values alone, packed; empty when they were not traced.
+    /// Per vertex: least-squares values alone, packed; empty when nobody knows them.
     pub vertex_codes: Vec<LightCode>,
+    /// The same light with texels everywhere, when it was traced.
+    pub full: Option<FullTexture>,
     /// Bits of a stored number: 8 or 16.
     pub bits: u32,
     /// Pages in their order, 1 or 3 numbers a texel, `0..=1`.
     pub pages: Vec<Vec<f32>>,
     /// The table that codes name entries of: rows of 256 colors, 1 or 3 numbers each, `0..=1`.
     pub table: Option<Vec<f32>>,
+}
+
+/// A layer as a lightmap over everything, to compare with.
+#[derive(Clone, Debug, Default)]
+pub struct FullTexture {
+    /// Per vertex.
+    pub codes: Vec<LightCode>,
+    /// As [`LayerModel::pages`], in 8 bits, of [`Model::full_size`] texels.
+    pub pages: Vec<Vec<f32>>,
+}
+
+/// Triangles that are drawn alike.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Group {
+    /// How many triangles, from where the group before ends.
+    pub triangles: u32,
+    /// Whether their backs are drawn.
+    pub double_sided: bool,
+    /// Index into [`Model::textures`].
+    pub texture: Option<usize>,
+    /// Where alpha is less there is nothing; 0 for what is opaque.
+    pub cutoff: f32,
+}
+
+/// An image on surfaces.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Texture {
+    /// Index into [`Model::images`].
+    pub image: usize,
+    /// What lies outside, along u and v: `repeat`, `mirror` or `clamp`.
+    pub wrap: [&'static str; 2],
+}
+
+/// An image file that browsers know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Image {
+    /// Its media type.
+    pub kind: &'static str,
+    /// The file.
+    pub bytes: Vec<u8>,
 }
 
 /// The error of what the file shows at a point.
@@ -65,20 +107,30 @@ pub struct Model {
     pub positions: Vec<[f32; 3]>,
     /// Per vertex, of unit length or zero.
     pub normals: Vec<[f32; 3]>,
-    /// Per vertex: albedo, linear.
-    pub base_colors: Vec<[f32; 3]>,
+    /// Per vertex: what the base color texture is multiplied with, linear, and alpha.
+    pub base_colors: Vec<[f32; 4]>,
+    /// Per vertex: texture coordinates; empty without textures.
+    pub uvs: Vec<[f32; 2]>,
     /// Per vertex: index into `part_names`.
     pub parts: Vec<u32>,
     /// Per vertex: what viewers see that do not know the extension, linear; empty without a fallback.
     pub fallback: Vec<[f32; 3]>,
-    /// Triangles whose backs are not drawn.
-    pub single_sided: Vec<[u32; 3]>,
-    /// Triangles whose backs are.
-    pub double_sided: Vec<[u32; 3]>,
+    /// Corners as numbers of vertices, group after group.
+    pub triangles: Vec<[u32; 3]>,
+    /// Which triangles are drawn alike; together they have all.
+    pub groups: Vec<Group>,
+    /// Base color textures.
+    pub textures: Vec<Texture>,
+    /// Their images.
+    pub images: Vec<Image>,
+    /// Whether there is any light yet: while a bake runs, the codes of the only layer mean nothing at first.
+    pub is_lit: bool,
     /// At least one.
     pub layers: Vec<LayerModel>,
     /// Width and height of a page in texels, 0 without texture triangles.
     pub page_size: [u32; 2],
+    /// Width and height of a page of the full texture in texels.
+    pub full_size: [u32; 2],
     /// Width of a texel on the surface.
     pub texel_size: f32,
     /// The error bound.
@@ -150,14 +202,16 @@ impl Model {
     /// The description and the block.
     pub fn pack(&self) -> (Value, Vec<u8>) {
         let mut block = Block::default();
-        let triangles = || self.single_sided.iter().chain(&self.double_sided);
-        let indices: Vec<[u32; 3]> = triangles().copied().collect();
+        let indices = &self.triangles;
         let (chart_count, chart_of) =
-            charts(&indices, self.layers.first().map_or(&[], |l| l.codes.as_slice()));
+            charts(indices, self.layers.first().map_or(&[], |l| l.codes.as_slice()));
         block.floats("positions", self.positions.iter().flatten());
         block.add("normals".into(), self.normals.iter().flat_map(|&n| signed_bytes(n, 0.0)));
-        let rooted = |c: &[f32; 3]| [root_byte(c[0]), root_byte(c[1]), root_byte(c[2]), 255];
+        let rooted = |c: &[f32; 4]| [root_byte(c[0]), root_byte(c[1]), root_byte(c[2]), byte(c[3])];
         block.add("baseColors".into(), self.base_colors.iter().flat_map(rooted));
+        if !self.uvs.is_empty() {
+            block.floats("uvs", self.uvs.iter().flatten());
+        }
         let ids = chart_of.iter().zip(&self.parts).flat_map(|(&chart, &part)| [chart, part]);
         block.add("ids".into(), ids.flat_map(u32::to_le_bytes));
         block.add("indices".into(), indices.iter().flatten().flat_map(|v| v.to_le_bytes()));
@@ -182,11 +236,18 @@ impl Model {
             "parts": self.part_names,
             "vertices": self.positions.len(),
             "triangles": indices.len(),
-            "singleSided": self.single_sided.len(),
+            "groups": self.groups.iter().map(|g| json!({
+                "triangles": g.triangles, "doubleSided": g.double_sided, "texture": g.texture, "cutoff": g.cutoff,
+            })).collect::<Vec<_>>(),
+            "textures": self.textures.iter().map(|t| json!({
+                "image": self.images.get(t.image).map(|image| image.name(t.image)), "wrap": t.wrap,
+            })).collect::<Vec<_>>(),
+            "lit": self.is_lit,
             "classes": { "texture": texture, "mixed": mixed, "color": indices.len() - texture - mixed },
             "charts": chart_count,
             "bounds": [low, high],
             "pageSize": self.page_size,
+            "fullSize": self.full_size,
             "texelSize": self.texel_size,
             "maxError": self.max_error,
             "areaPerError": self.area_per_error,
@@ -205,13 +266,20 @@ impl Model {
     /// Corners of the box around all triangles; zeros around none.
     fn bounds(&self) -> [[f32; 3]; 2] {
         let mut bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
-        for &vertex in self.single_sided.iter().chain(&self.double_sided).flatten() {
+        for &vertex in self.triangles.iter().flatten() {
             for (k, &x) in self.positions[vertex as usize].iter().enumerate() {
                 bounds[0][k] = bounds[0][k].min(x);
                 bounds[1][k] = bounds[1][k].max(x);
             }
         }
         if bounds[0][0].is_finite() { bounds } else { [[0.0; 3]; 2] }
+    }
+}
+
+impl Image {
+    /// The name of an image's file in the site.
+    pub fn name(&self, number: usize) -> String {
+        format!("image{number}.{}", self.kind.rsplit('/').next().unwrap_or_default())
     }
 }
 
@@ -223,6 +291,12 @@ impl LayerModel {
         }
         for (page, values) in self.pages.iter().enumerate() {
             block.image(format!("page{number}_{page}"), values, self.bits);
+        }
+        if let Some(full) = &self.full {
+            block.codes(format!("fullCodes{number}"), &full.codes);
+            for (page, values) in full.pages.iter().enumerate() {
+                block.image(format!("full{number}_{page}"), values, 8);
+            }
         }
         let form = match (&self.table, self.channels) {
             (Some(table), _) => {
@@ -245,6 +319,7 @@ impl LayerModel {
             "form": form,
             "bits": self.bits,
             "pages": self.pages.len(),
+            "fullPages": self.full.as_ref().map_or(0, |full| full.pages.len()),
         })
     }
 }
@@ -261,10 +336,13 @@ pub(crate) mod testing {
             part_names: vec!["floor".into()],
             positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [-1.0, 0.0, 0.5]],
             normals: vec![[0.0, 0.0, 1.0]; 4],
-            base_colors: vec![[0.25, 1.0, 0.0]; 4],
+            base_colors: vec![[0.25, 1.0, 0.0, 1.0]; 4],
             parts: vec![0; 4],
-            single_sided: vec![[0, 1, 2]],
-            double_sided: vec![[0, 2, 3]],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            groups: [false, true]
+                .map(|double_sided| Group { triangles: 1, double_sided, ..Group::default() })
+                .to_vec(),
+            is_lit: true,
             layers: vec![LayerModel {
                 signal: "ambientOcclusion".into(),
                 channels: 1,
@@ -314,6 +392,7 @@ mod tests {
         assert_eq!(section(&json, &block, "ids")[..12], [1, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0]);
         assert_eq!(json["classes"], json!({ "texture": 1, "mixed": 1, "color": 0 }));
         assert_eq!(json["bounds"], json!([[-1.0, 0.0, 0.0], [1.0, 2.0, 0.5]]));
+        assert_eq!(json["groups"][1]["doubleSided"], true);
         assert!(json["sections"]["fallback"].is_null() && json["sections"]["vertexCodes0"].is_null());
     }
 

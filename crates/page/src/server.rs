@@ -1,4 +1,5 @@
-//! A server for one site on this machine: HTTP/1.1, GET and HEAD, a fixed set of files from memory.
+//! A server for one site on this machine: HTTP/1.1, GET and HEAD, files from memory; and for the page of a bake its events
+//! and the one wish that it takes, to stop.
 //!
 //! It stands on the standard library alone. What it has to do fits on a page, nothing of it changes from one year to the
 //! next, and what it must not do (read files, follow paths, answer other machines) is easier to see here than in a
@@ -6,7 +7,8 @@
 //!
 //! Web pages of strangers can make a browser ask 127.0.0.1, under a name of theirs (DNS rebinding) or from their own
 //! origin. So a request is answered only when its `Host` is this server by address or as `localhost`, and answers say
-//! that no other origin may read them.
+//! that no other origin may read them. The wish to stop is taken only from a page of this server, by its `Origin`, which
+//! browsers send with every POST.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
@@ -14,7 +16,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use crate::site::Site;
+use crate::live::{CANCEL, EVENTS, Live};
 
 /// A request may have as many bytes before its body; what is longer is no browser's.
 const LONGEST_HEAD: u64 = 16 * 1024;
@@ -28,7 +30,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// A site on a port of 127.0.0.1.
 pub struct Server {
     listener: TcpListener,
-    site: Arc<Site>,
+    live: Arc<Live>,
 }
 
 impl Server {
@@ -36,9 +38,9 @@ impl Server {
     ///
     /// # Errors
     /// What the system says, most often that the port is taken.
-    pub fn bind(site: Site, port: u16) -> std::io::Result<Self> {
+    pub fn bind(live: Arc<Live>, port: u16) -> std::io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))?;
-        Ok(Self { listener, site: Arc::new(site) })
+        Ok(Self { listener, live })
     }
 
     /// Where it listens.
@@ -63,10 +65,10 @@ impl Server {
                 open.fetch_sub(1, Ordering::SeqCst);
                 continue;
             }
-            let (site, open) = (Arc::clone(&self.site), Arc::clone(&open));
+            let (live, open) = (Arc::clone(&self.live), Arc::clone(&open));
             std::thread::spawn(move || {
                 // The same holds for one that goes away while it is answered.
-                let _ = answer(&stream, &site, port);
+                let _ = answer(&stream, &live, port);
                 open.fetch_sub(1, Ordering::SeqCst);
             });
         }
@@ -75,7 +77,7 @@ impl Server {
 }
 
 /// Reads one request and answers it; the connection ends with the answer.
-fn answer(stream: &TcpStream, site: &Site, port: u16) -> std::io::Result<()> {
+fn answer(stream: &TcpStream, live: &Live, port: u16) -> std::io::Result<()> {
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
     let mut head = Vec::new();
@@ -86,72 +88,111 @@ fn answer(stream: &TcpStream, site: &Site, port: u16) -> std::io::Result<()> {
             break;
         }
     }
-    let reply = reply(&String::from_utf8_lossy(&head), site, port);
     let mut stream = stream;
-    stream.write_all(&reply)?;
-    stream.flush()
+    match reply(&String::from_utf8_lossy(&head), live, port) {
+        Reply::Whole(reply) => {
+            stream.write_all(&reply)?;
+            stream.flush()
+        }
+        Reply::Events(head) => {
+            stream.write_all(&head)?;
+            live.stream(stream)
+        }
+    }
+}
+
+/// What a request is answered with.
+enum Reply {
+    /// All of it.
+    Whole(Vec<u8>),
+    /// What stands before the events of a bake.
+    Events(Vec<u8>),
 }
 
 /// What a page of the site may do: show itself.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// The answer to a request, head and body.
-fn reply(request: &str, site: &Site, port: u16) -> Vec<u8> {
+/// The answer to a request.
+fn reply(request: &str, live: &Live, port: u16) -> Reply {
     let mut lines = request.lines();
     let mut words = lines.next().unwrap_or_default().split(' ');
     let (method, target, version) = (words.next(), words.next(), words.next());
     let (Some(method), Some(target), Some("HTTP/1.1" | "HTTP/1.0")) = (method, target, version) else {
         return refusal("400 Bad Request");
     };
-    let mut hosts = lines.filter_map(|line| {
-        let (name, value) = line.split_once(':')?;
-        name.eq_ignore_ascii_case("host").then_some(value.trim())
-    });
+    let values = |wanted: &str| -> Vec<&str> {
+        let fields = lines.clone().filter_map(|line| line.split_once(':'));
+        fields.filter(|(name, _)| name.eq_ignore_ascii_case(wanted)).map(|(_, value)| value.trim()).collect()
+    };
     let known = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
-    let host = hosts.next().unwrap_or_default();
-    if hosts.next().is_some() || !known.iter().any(|k| k.eq_ignore_ascii_case(host)) {
+    let is_own = |host: &str| known.iter().any(|k| k.eq_ignore_ascii_case(host));
+    if !matches!(values("host")[..], [host] if is_own(host)) {
         return refusal("403 Forbidden");
+    }
+    let path = target.split(['?', '#']).next().unwrap_or_default();
+    if method == "POST" && live.takes(path, CANCEL) {
+        let from_own_page = |origin: &&str| origin.strip_prefix("http://").is_some_and(is_own);
+        if !matches!(values("origin")[..], [origin] if from_own_page(&origin)) {
+            return refusal("403 Forbidden");
+        }
+        live.cancel();
+        return refusal("202 Accepted");
     }
     if !matches!(method, "GET" | "HEAD") {
         return refusal("405 Method Not Allowed");
     }
-    let path = target.split(['?', '#']).next().unwrap_or_default();
-    let Some(file) = site.at(path) else { return refusal("404 Not Found") };
-    let mut reply = format!(
-        "HTTP/1.1 200 OK\r\ncontent-type: {}\r\ncontent-length: {}\r\ncache-control: no-store\r\n{}\
-         content-security-policy: {POLICY}\r\nconnection: close\r\n\r\n",
-        file.kind,
-        file.bytes.len(),
-        APART
-    )
-    .into_bytes();
+    if method == "GET" && live.takes(path, EVENTS) {
+        return Reply::Events(head("text/event-stream", None));
+    }
+    let Some(file) = live.file(path) else { return refusal("404 Not Found") };
+    let mut reply = head(file.kind, Some(file.bytes.len()));
     if method == "GET" {
         reply.extend_from_slice(&file.bytes);
     }
-    reply
+    Reply::Whole(reply)
+}
+
+/// The head of an answer that is given.
+fn head(kind: &str, length: Option<usize>) -> Vec<u8> {
+    let length = length.map_or(String::new(), |length| format!("content-length: {length}\r\n"));
+    format!(
+        "HTTP/1.1 200 OK\r\ncontent-type: {kind}\r\n{length}cache-control: no-store\r\n{APART}\
+         content-security-policy: {POLICY}\r\nconnection: close\r\n\r\n"
+    )
+    .into_bytes()
 }
 
 /// Other origins may neither read nor embed an answer, and nobody guesses its type.
 const APART: &str = "x-content-type-options: nosniff\r\ncross-origin-resource-policy: same-origin\r\n\
                      cross-origin-opener-policy: same-origin\r\nreferrer-policy: no-referrer\r\n";
 
-fn refusal(status: &str) -> Vec<u8> {
-    format!(
+/// An answer that is its status.
+fn refusal(status: &str) -> Reply {
+    let text = format!(
         "HTTP/1.1 {status}\r\ncontent-type: text/plain\r\ncontent-length: {}\r\n{APART}connection: close\r\n\r\n{status}\n",
         status.len() + 1
-    )
-    .into_bytes()
+    );
+    Reply::Whole(text.into_bytes())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Site;
     use crate::model::testing::model;
 
-    fn status(request: &str) -> String {
-        let reply = reply(request, &Site::new(&model()), 4711);
+    fn still() -> Live {
+        Live::still(Site::new(&model()))
+    }
+
+    fn status_of(request: &str, live: &Live) -> String {
+        let (Reply::Whole(reply) | Reply::Events(reply)) = reply(request, live, 4711);
         String::from_utf8_lossy(&reply).split("\r\n").next().expect("a line")["HTTP/1.1 ".len()..].to_owned()
+    }
+
+    fn status(request: &str) -> String {
+        status_of(request, &still())
     }
 
     #[test]
@@ -209,8 +250,57 @@ mod tests {
     }
 
     #[test]
+    fn server_takes_the_wish_to_stop_from_its_own_page_alone() {
+        let live = Live::of_bake();
+        let post = |path: &str, origin: &str, live: &Live| {
+            status_of(&format!("POST {path} HTTP/1.1\r\nHost: 127.0.0.1:4711\r\n{origin}\r\n"), live)
+        };
+        let own = "Origin: http://127.0.0.1:4711\r\n";
+        let others = [
+            "",
+            "Origin: null\r\n",
+            "Origin: http://evil.example\r\n",
+            "Origin: https://127.0.0.1:4711\r\n",
+            "Origin: http://127.0.0.1:80\r\n",
+            "Origin: http://127.0.0.1:4711\r\nOrigin: http://evil.example\r\n",
+        ];
+        for origin in others {
+            assert_eq!(post("/cancel", origin, &live), "403 Forbidden", "{origin}");
+        }
+        assert_eq!(post("/other", own, &live), "405 Method Not Allowed");
+        assert_eq!(post("/cancel", own, &still()), "405 Method Not Allowed");
+        assert_eq!(status_of("GET /cancel HTTP/1.1\r\nHost: 127.0.0.1:4711\r\n\r\n", &live), "404 Not Found");
+        assert!(!live.is_cancelled());
+        assert_eq!(post("/cancel", own, &live), "202 Accepted");
+        assert!(live.is_cancelled());
+    }
+
+    #[test]
+    fn server_streams_events_until_the_page_is_closed() {
+        let live = Arc::new(Live::of_bake());
+        let server = Server::bind(Arc::clone(&live), 0).expect("a free port");
+        let address = server.address().expect("bound");
+        std::thread::spawn(move || server.run());
+        let stream = TcpStream::connect(address).expect("listens");
+        stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
+        write!(&stream, "GET /events HTTP/1.1\r\nHost: localhost:{}\r\n\r\n", address.port()).expect("sent");
+        let mut lines = BufReader::new(&stream).lines().map(|line| line.expect("an answer"));
+        assert!(lines.any(|line| line == "content-type: text/event-stream"));
+        assert!(lines.any(|line| line.contains(r#""version":0"#)));
+        live.publish(&model());
+        assert!(lines.any(|line| line.starts_with("data: ") && line.contains(r#""version":1"#)));
+        drop(lines);
+        drop(stream);
+        let since = std::time::Instant::now();
+        while live.pages() > 0 {
+            assert!(since.elapsed() < Duration::from_secs(20));
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    #[test]
     fn server_answers_over_a_socket_and_survives_those_who_hang_up() {
-        let server = Server::bind(Site::new(&model()), 0).expect("a free port");
+        let server = Server::bind(Arc::new(still()), 0).expect("a free port");
         let address = server.address().expect("bound");
         assert!(address.ip().is_loopback());
         std::thread::spawn(move || server.run());

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::model::Model;
+use serde_json::Value;
+
+use crate::model::{Image, Model};
 
 /// A file of a site.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,7 +24,7 @@ pub struct Site {
 }
 
 /// The page and its modules.
-const PAGE: [(&str, &str, &str); 8] = [
+const PAGE: [(&str, &str, &str); 9] = [
     ("index.html", "text/html; charset=utf-8", include_str!("../viewer/index.html")),
     ("viewer.css", "text/css; charset=utf-8", include_str!("../viewer/viewer.css")),
     ("main.js", SCRIPT, include_str!("../viewer/main.js")),
@@ -31,6 +33,7 @@ const PAGE: [(&str, &str, &str); 8] = [
     ("renderer.js", SCRIPT, include_str!("../viewer/renderer.js")),
     ("shaders.js", SCRIPT, include_str!("../viewer/shaders.js")),
     ("legend.js", SCRIPT, include_str!("../viewer/legend.js")),
+    ("live.js", SCRIPT, include_str!("../viewer/live.js")),
 ];
 
 const SCRIPT: &str = "text/javascript; charset=utf-8";
@@ -44,17 +47,50 @@ const SHADERS: [(&str, &str); 2] = [
 impl Site {
     /// The viewer of a model.
     pub fn new(model: &Model) -> Self {
+        let mut site = Self::page(false);
+        site.put_model(&model.images, model.pack(), 0);
+        site
+    }
+
+    /// The viewer of a bake that has no model yet.
+    pub fn of_bake() -> Self {
+        Self::page(true)
+    }
+
+    /// The page and its modules. `live`: whether there are events that it can follow.
+    fn page(live: bool) -> Self {
         let mut site = Self::default();
+        site.add("mode.js", SCRIPT, format!("export const LIVE = {live}\n").into());
         for (name, kind, text) in PAGE {
             site.add(name, kind, text.into());
         }
         let text = |source: &str| serde_json::to_string(source).expect("text is JSON");
         let shaders = SHADERS.map(|(name, source)| format!("export const {name} = {};\n", text(source)));
         site.add("lightkiln.js", SCRIPT, shaders.concat().into());
-        let (description, block) = model.pack();
-        site.add("model.json", "application/json", description.to_string().into());
-        site.add("model.bin", "application/octet-stream", block);
         site
+    }
+
+    /// Puts a model, packed, in the place of the one before, whose block stays one version longer for those who know its
+    /// name already.
+    ///
+    /// - `version`: its number, one more than that of the model before; 0 for a model that stays
+    pub fn put_model(&mut self, images: &[Image], (mut description, block): (Value, Vec<u8>), version: u32) {
+        let name = |version: u32| match version {
+            0 => "model.bin".to_owned(),
+            _ => format!("model-{version}.bin"),
+        };
+        description["block"] = name(version).into();
+        self.add("model.json", "application/json", description.to_string().into());
+        self.add(&name(version), "application/octet-stream", block);
+        if version > 2 {
+            self.files.remove(&name(version - 2));
+        }
+        for (number, image) in images.iter().enumerate() {
+            let name = image.name(number);
+            if self.files.get(&name).is_none_or(|known| known.bytes != image.bytes) {
+                self.add(&name, image.kind, image.bytes.clone());
+            }
+        }
     }
 
     fn add(&mut self, name: &str, kind: &'static str, bytes: Vec<u8>) {

@@ -2,20 +2,34 @@
 
 import { Camera } from './camera.js'
 import { legend } from './legend.js'
+import { follow } from './live.js'
+import { LIVE } from './mode.js'
 import { load } from './model.js'
 import { Renderer } from './renderer.js'
 
-const SHOWN = { hybrid: 'as baked', vertices: 'vertices only', fallback: 'fallback (COLOR_0)', none: 'no light' }
+const SHOWN = { hybrid: 'as baked', vertices: 'vertices only', full: 'full lightmap', fallback: 'fallback (COLOR_0)', none: 'no light' }
 const OVERLAYS = ['none', 'classes', 'charts', 'density', 'error']
 
 const at = (id) => document.getElementById(id)
 
-try {
+let show
+if (LIVE) follow(at('bake'), () => attempt(renew))
+else await attempt(renew)
+
+/** Shows the model as it is now; the first one starts the page. */
+async function renew() {
   const model = await load()
-  start(model, new Renderer(at('view'), model))
-} catch (error) {
-  fail(`The scene cannot be shown: ${error.message}`)
-  throw error
+  if (show) show(model)
+  else show = start(model, new Renderer(at('view'), model))
+}
+
+async function attempt(work) {
+  try {
+    await work()
+  } catch (error) {
+    fail(`The scene cannot be shown: ${error.message}`)
+    throw error
+  }
 }
 
 function fail(text) {
@@ -23,14 +37,19 @@ function fail(text) {
   at('failure').hidden = false
 }
 
+/** Starts the page on a model, and returns what shows another one in its place. */
 function start(model, renderer) {
-  const { about } = model
+  let { about } = model
+  let choices
   const state = {
     camera: new Camera(about.bounds), layer: 0, left: 'hybrid', right: model.has('vertexCodes0') ? 'vertices' : 'none', divider: 0.5, overlay: 'none',
-    materials: false, wireframe: false, exposure: 0, harmonics: false, atlas: undefined, picked: undefined,
+    materials: true, wireframe: false, exposure: 0, harmonics: false, atlas: undefined, picked: undefined,
   }
+  const wanted = {}
   const atlas = { middle: [0, 0], zoom: 1, box: undefined }
   let waiting = false
+
+  renderer.arrived = draw
 
   /** Draws once before the next picture, however often it is asked for. */
   function draw() {
@@ -49,23 +68,33 @@ function start(model, renderer) {
     renderer.draw(state)
   }
 
-  // What there is to choose.
-  document.title = `${about.name} - Lightkiln`
-  at('name').textContent = about.name
   const options = (list) => list.map(([value, text]) => Object.assign(document.createElement('option'), { value, textContent: text }))
-  const choices = about.layers.map((layer, number) => [String(number), layer.signal])
-  if (model.harmonics.length > 0) choices.push(['harmonics', 'irradiance at the normal'])
-  at('layer').append(...options(choices))
-  const known = (name, layer) => ({ vertices: model.has(`vertexCodes${layer}`), fallback: model.has('fallback') && layer === 0 })[name] ?? true
+  const has = { hybrid: () => about.lit, vertices: (layer) => model.has(`vertexCodes${layer}`), full: (layer) => about.layers[layer].fullPages > 0, fallback: (layer) => model.has('fallback') && layer === 0, none: () => true }
+  const known = (name, layer) => has[name](layer)
+
+  /** What there is to choose, and the figures. */
+  function modelChosen() {
+    document.title = `${about.name} - Lightkiln`
+    at('name').textContent = about.name
+    choices = about.layers.map((layer, number) => [String(number), layer.signal])
+    if (model.harmonics.length > 0) choices.push(['harmonics', 'irradiance at the normal'])
+    if (state.harmonics ? model.harmonics.length === 0 : state.layer >= about.layers.length) Object.assign(state, { layer: 0, harmonics: false })
+    at('layer').replaceChildren(...options(choices))
+    at('layer').disabled = !about.lit
+    const line = (label, value) => [Object.assign(document.createElement('dt'), { textContent: label }), Object.assign(document.createElement('dd'), { textContent: value })]
+    const classes = about.lit ? ['texture', 'mixed', 'color'].map((kind) => [`${kind} triangles`, about.classes[kind].toLocaleString('en')]) : []
+    at('figures').replaceChildren(...[...(about.figures.lines ?? []), ...classes].flatMap(([label, value]) => line(label, value)))
+    layerChosen()
+  }
 
   function layerChosen() {
-    const layer = about.layers[state.layer]
     const ways = Object.entries(SHOWN).filter(([name]) => known(name, state.layer))
     for (const side of ['left', 'right']) {
-      if (!known(state[side], state.layer)) state[side] = side === 'left' ? 'hybrid' : 'none'
+      // What was chosen comes back as soon as it is there again.
+      wanted[side] ??= state[side]
+      state[side] = [wanted[side], side === 'left' ? 'hybrid' : 'none', 'none'].find((name) => known(name, state.layer))
       at(side).replaceChildren(...options(ways))
     }
-    at('exposure-label').hidden = !(layer.white > 0)
   }
 
   /** Shows in the controls what the state says, and draws. */
@@ -77,6 +106,7 @@ function start(model, renderer) {
     }
     at('overlay').value = state.overlay
     at('exposure').value = state.exposure
+    at('exposure-label').hidden = !(about.layers[state.layer].white > 0 || state.materials)
     for (const name of ['materials', 'wireframe']) at(name).checked = state[name]
     legend(at('legend'), state.overlay, about)
     const percent = 100 * state.divider
@@ -90,13 +120,18 @@ function start(model, renderer) {
     at('left-name').hidden = state.divider < 0.12
     at('right-name').hidden = here + at('right-name').offsetWidth > edge
     const page = about.pageSize
-    at('atlas-name').textContent = model.hasAtlas ? `atlas, ${about.layers[state.layer].pages} × ${page[0]} × ${page[1]}, ${about.layers[state.layer].bits} bits` : ''
+    const { pages, bits } = about.layers[state.layer]
+    at('atlas-name').textContent = model.hasAtlas ? `atlas, ${pages} × ${page[0]} × ${page[1]}, ${bits} bits` : ''
     draw()
   }
 
   const set = (changes) => {
     Object.assign(state, changes)
     update()
+  }
+  const setSides = (sides) => {
+    Object.assign(wanted, sides)
+    set(sides)
   }
   /** A layer by its number, or `harmonics`: those of irradiance together, of which the atlas shows the first. */
   const setLayer = (choice) => {
@@ -107,18 +142,9 @@ function start(model, renderer) {
   }
   const setDivider = (share) => set({ divider: Math.min(1, Math.max(0, share)) })
 
-  for (const [label, value] of about.figures.lines ?? []) {
-    at('figures').append(Object.assign(document.createElement('dt'), { textContent: label }), Object.assign(document.createElement('dd'), { textContent: value }))
-  }
-  for (const kind of ['texture', 'mixed', 'color']) {
-    const [dt, dd] = ['dt', 'dd'].map((name) => document.createElement(name))
-    dt.textContent = `${kind} triangles`
-    dd.textContent = about.classes[kind].toLocaleString('en')
-    at('figures').append(dt, dd)
-  }
-
   at('layer').addEventListener('change', (event) => setLayer(event.target.value))
-  for (const name of ['left', 'right', 'overlay']) at(name).addEventListener('change', (event) => set({ [name]: event.target.value }))
+  for (const side of ['left', 'right']) at(side).addEventListener('change', (event) => setSides({ [side]: event.target.value }))
+  at('overlay').addEventListener('change', (event) => set({ overlay: event.target.value }))
   for (const name of ['materials', 'wireframe']) at(name).addEventListener('change', (event) => set({ [name]: event.target.checked }))
   at('exposure').addEventListener('input', (event) => set({ exposure: Number(event.target.value) }))
   at('show-atlas').addEventListener('change', update)
@@ -223,7 +249,7 @@ function start(model, renderer) {
       '+': () => closer(1.15), '=': () => closer(1.15), '-': () => closer(1 / 1.15),
       '[': () => setDivider(state.divider - 0.05), ']': () => setDivider(state.divider + 0.05),
       '{': () => setDivider(0), '}': () => setDivider(1),
-      x: () => set({ left: state.right, right: state.left }),
+      x: () => setSides({ left: state.right, right: state.left }),
       l: () => setLayer(choices[(at('layer').selectedIndex + 1) % choices.length][0]),
       m: () => set({ materials: !state.materials }),
       w: () => set({ wireframe: !state.wireframe }),
@@ -239,7 +265,7 @@ function start(model, renderer) {
   })
 
   addEventListener('resize', update)
-  layerChosen()
+  modelChosen()
   // A phone has no room for everything at once.
   if (innerWidth < 700) at('panel').open = false
   paint()
@@ -249,6 +275,18 @@ function start(model, renderer) {
   // For tests, and for whoever has the console open.
   globalThis.lightkiln = { state, model, renderer, set, setLayer, paint }
   globalThis.ready = true
+  return (next) => {
+    const hadAtlas = model.hasAtlas
+    model = globalThis.lightkiln.model = next
+    ;({ about } = model)
+    state.picked = undefined
+    renderer.show(model)
+    modelChosen()
+    update()
+    paint()
+    if (!hadAtlas) resetAtlas()
+    draw()
+  }
 }
 
 /** Drags, wheels, pinches and hovering on an element. */

@@ -1,8 +1,17 @@
 // The model as the program packed it: crates/page/src/model.rs.
 
+import { LIVE } from './mode.js'
+
 export async function load() {
-  const [about, block] = await Promise.all([fetched('model.json', 'json'), fetched('model.bin', 'arrayBuffer')])
-  return new Model(about, block)
+  for (let again = 3; ; again--) {
+    const about = await fetched('model.json', 'json')
+    try {
+      return new Model(about, await fetched(about.block, 'arrayBuffer'))
+    } catch (error) {
+      // While a bake goes on, a block may be out of date before it is fetched.
+      if (!LIVE || again === 0) throw error
+    }
+  }
 }
 
 async function fetched(name, as) {
@@ -42,11 +51,6 @@ export class Model {
     const found = [...Array(9).keys()].map(named)
     const count = found.includes(-1) ? 4 : 9
     return found.slice(0, count).includes(-1) ? [] : found.slice(0, count)
-  }
-
-  /** Texels of a layer's pages, or of its table. */
-  texels(layer, name) {
-    return this.numbers(name, layer.bits === 16 && name.startsWith('page') ? Uint16Array : Uint8Array)
   }
 
   isTexture(vertex) {

@@ -5,7 +5,8 @@ import { Camera } from './camera.js'
 import { ATTRIBUTES, harmonics, programs } from './shaders.js'
 
 const OVERLAYS = ['none', 'classes', 'charts', 'density', 'error']
-const SOURCES = { hybrid: 0, vertices: 0, fallback: 1, none: 2 }
+const SOURCES = { hybrid: 0, vertices: 0, full: 0, fallback: 1, none: 2 }
+const CODES = { vertices: 'vertexCodes', full: 'fullCodes' }
 // That of the program's own pictures: linear 0.28, 0.32, 0.38.
 const BACKGROUND = [0.5666, 0.6030, 0.6516, 1]
 
@@ -13,11 +14,79 @@ export class Renderer {
   constructor(canvas, model) {
     const gl = canvas.getContext('webgl2', { antialias: true, powerPreference: 'high-performance' })
     if (!gl) throw new Error('this browser has no WebGL 2')
-    Object.assign(this, { gl, canvas, model, arrays: new Map(), buffers: new Map() })
+    Object.assign(this, { gl, canvas, pictures: new Map(), arrays: new Map(), buffers: new Map(), ownBuffers: [], ownTextures: [] })
     this.programs = programs(gl)
+    this.picking = this.pickTarget()
+    this.white = this.plain([255, 255, 255, 255])
+    this.show(model)
+  }
+
+  /** Takes another model in the place of the one before. Pictures of surfaces stay: they have the same names. */
+  show(model) {
+    const { gl } = this
+    for (const array of this.arrays.values()) gl.deleteVertexArray(array)
+    for (const buffer of [...this.buffers.values(), ...this.ownBuffers]) gl.deleteBuffer(buffer)
+    for (const texture of this.ownTextures) gl.deleteTexture(texture)
+    Object.assign(this, { model, arrays: new Map(), buffers: new Map(), ownBuffers: [], ownTextures: [], wires: undefined, points: undefined, inAtlas: undefined, atlasWires: undefined })
     this.layers = model.about.layers.map((layer, number) => this.images(layer, number))
     this.indices = this.indexBuffer(model.indices)
-    this.picking = this.pickTarget()
+    this.textures = model.about.textures.map((texture) => this.picture(texture))
+  }
+
+  /** A texture that goes with the model. */
+  ownTexture() {
+    const texture = this.gl.createTexture()
+    this.ownTextures.push(texture)
+    return texture
+  }
+
+  /** A texture of one texel. */
+  plain(color) {
+    const { gl } = this
+    const texture = gl.createTexture()
+    gl.bindTexture(gl.TEXTURE_2D, texture)
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(color))
+    return texture
+  }
+
+  /** A picture on a surface: white until it is there, and for good if it cannot be had. */
+  picture({ image, wrap }) {
+    const { gl } = this
+    const key = [image, ...wrap].join()
+    if (!this.pictures.has(key)) {
+      const made = { texture: this.white }
+      this.pictures.set(key, made)
+      this.fetchPicture(image, wrap).then((texture) => {
+        made.texture = texture
+        this.arrived?.()
+      }, () => {})
+    }
+    return this.pictures.get(key)
+  }
+
+  async fetchPicture(name, wrap) {
+    const { gl } = this
+    const response = await fetch(name)
+    if (!response.ok) throw new Error(`${name}: ${response.status}`)
+    const options = { premultiplyAlpha: 'none', colorSpaceConversion: 'none' }
+    let bitmap = await createImageBitmap(await response.blob(), options)
+    // More than a screen shows; a file with sixty pictures of 4096² would fill the memory of a phone.
+    const most = Math.min(2048, gl.getParameter(gl.MAX_TEXTURE_SIZE))
+    const shrink = most / Math.max(bitmap.width, bitmap.height)
+    if (shrink < 1) {
+      const [resizeWidth, resizeHeight] = [bitmap.width, bitmap.height].map((n) => Math.max(1, Math.round(n * shrink)))
+      bitmap = await createImageBitmap(bitmap, { ...options, resizeWidth, resizeHeight, resizeQuality: 'high' })
+    }
+    const texture = gl.createTexture()
+    gl.activeTexture(gl.TEXTURE2)
+    gl.bindTexture(gl.TEXTURE_2D, texture)
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, gl.RGBA, gl.UNSIGNED_BYTE, bitmap)
+    bitmap.close()
+    gl.generateMipmap(gl.TEXTURE_2D)
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR)
+    const ways = { clamp: gl.CLAMP_TO_EDGE, mirror: gl.MIRRORED_REPEAT, repeat: gl.REPEAT }
+    ;[gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T].forEach((side, k) => gl.texParameteri(gl.TEXTURE_2D, side, ways[wrap[k]]))
+    return texture
   }
 
   buffer(name) {
@@ -35,6 +104,7 @@ export class Renderer {
     const { gl } = this
     gl.bindVertexArray(null)
     const buffer = gl.createBuffer()
+    this.ownBuffers.push(buffer)
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer)
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, gl.STATIC_DRAW)
     return { buffer, count: indices.length }
@@ -54,7 +124,8 @@ export class Renderer {
       }
       attribute('position', 'positions', 3, gl.FLOAT, false, 12)
       attribute('normal', 'normals', 3, gl.BYTE, true, 4)
-      attribute('base', 'baseColors', 3, gl.UNSIGNED_BYTE, true, 4)
+      attribute('base', 'baseColors', 4, gl.UNSIGNED_BYTE, true, 4)
+      if (model.has('uvs')) attribute('uv', 'uvs', 2, gl.FLOAT, false, 8)
       attribute('ids', 'ids', 2, gl.UNSIGNED_INT, false, 8)
       attribute('code', codes, 2, gl.UNSIGNED_SHORT, false, 4)
       if (model.has('fallback')) attribute('fallback', 'fallback', 3, gl.UNSIGNED_BYTE, true, 4)
@@ -64,39 +135,47 @@ export class Renderer {
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices.buffer)
   }
 
-  /** The pages of a layer as an array of textures, and its table. */
+  /** The pages of a layer as an array of textures, those of its full lightmap, and its table. */
   images(layer, number) {
     const { gl, model } = this
-    const [width, height] = layer.pages ? model.about.pageSize : [1, 1]
     const one = layer.numbers === 1
-    const pages = Math.max(1, layer.pages)
-    const deep = layer.bits === 16
-    const limit = gl.getParameter(gl.MAX_TEXTURE_SIZE)
-    const most = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS)
-    if (Math.max(width, height) > limit || pages > most) {
-      throw new Error(`the atlas has ${pages} pages of ${width} × ${height}, and this browser takes ${most} of ${limit} × ${limit}`)
-    }
-    const atlas = gl.createTexture()
-    gl.bindTexture(gl.TEXTURE_2D_ARRAY, atlas)
-    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1)
-    const inside = deep ? (one ? gl.R16F : gl.RGB16F) : one ? gl.R8 : gl.RGB8
-    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, inside, width, height, pages)
-    for (let page = 0; page < layer.pages; page++) {
-      const texels = model.texels(layer, `page${number}_${page}`)
-      const values = deep ? Float32Array.from(texels, (t) => t / 65535) : texels
-      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, page, width, height, 1, one ? gl.RED : gl.RGB, deep ? gl.FLOAT : gl.UNSIGNED_BYTE, values)
-    }
-    this.filter(gl.TEXTURE_2D_ARRAY, gl.LINEAR)
-    const table = gl.createTexture()
+    const atlas = this.pages(layer, `page${number}`, layer.pages, model.about.pageSize, layer.bits === 16)
+    const full = layer.fullPages ? this.pages(layer, `full${number}`, layer.fullPages, model.about.fullSize, false) : atlas
+    const table = this.ownTexture()
     gl.bindTexture(gl.TEXTURE_2D, table)
-    const colors = layer.form === 'table' ? model.texels(layer, `table${number}`) : new Uint8Array(layer.numbers)
+    const colors = layer.form === 'table' ? model.numbers(`table${number}`, Uint8Array) : new Uint8Array(layer.numbers)
     const columns = layer.form === 'table' ? 256 : 1
     const rows = colors.length / layer.numbers / columns
     // A table of one channel is read in all three.
     const rgb = one ? Uint8Array.from({ length: colors.length * 3 }, (_, i) => colors[Math.floor(i / 3)]) : colors
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, columns, rows, 0, gl.RGB, gl.UNSIGNED_BYTE, rgb)
     this.filter(gl.TEXTURE_2D, gl.NEAREST)
-    return { atlas, table }
+    return { atlas, full, table }
+  }
+
+  /** Pages as an array of textures. */
+  pages(layer, name, count, size, deep) {
+    const { gl, model } = this
+    const [width, height] = count ? size : [1, 1]
+    const one = layer.numbers === 1
+    const pages = Math.max(1, count)
+    const limit = gl.getParameter(gl.MAX_TEXTURE_SIZE)
+    const most = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS)
+    if (Math.max(width, height) > limit || pages > most) {
+      throw new Error(`the atlas has ${pages} pages of ${width} × ${height}, and this browser takes ${most} of ${limit} × ${limit}`)
+    }
+    const atlas = this.ownTexture()
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, atlas)
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1)
+    const inside = deep ? (one ? gl.R16F : gl.RGB16F) : one ? gl.R8 : gl.RGB8
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, inside, width, height, pages)
+    for (let page = 0; page < count; page++) {
+      const texels = model.numbers(`${name}_${page}`, deep ? Uint16Array : Uint8Array)
+      const values = deep ? Float32Array.from(texels, (t) => t / 65535) : texels
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, page, width, height, 1, one ? gl.RED : gl.RGB, deep ? gl.FLOAT : gl.UNSIGNED_BYTE, values)
+    }
+    this.filter(gl.TEXTURE_2D_ARRAY, gl.LINEAR)
+    return atlas
   }
 
   filter(target, filter) {
@@ -160,10 +239,8 @@ export class Renderer {
     gl.enable(gl.DEPTH_TEST)
     gl.depthFunc(gl.LEQUAL)
     const view = { clipFromWorld: matrix, inAtlas: 0, atlasView: [0, 0, 1, 1] }
-    const together = state.harmonics && state.overlay === 'none' && (show === 'hybrid' || show === 'vertices')
-    if (together) this.harmonics(state, show, matrix)
-    else this.surface(state, show, view)
-    this.triangles(this.indices)
+    const together = state.harmonics && state.overlay === 'none' && (show === 'hybrid' || show in CODES)
+    this.triangles(together ? this.harmonics(state, show, matrix) : this.surface(state, show, view))
     if (state.overlay === 'error' && model.has('errors')) this.errors(state, matrix)
     if (state.wireframe) {
       this.wires ??= this.indexBuffer(model.lines(model.indices))
@@ -182,16 +259,16 @@ export class Renderer {
     }
   }
 
-  /** Binds what a surface is drawn with. */
+  /** Binds what a surface is drawn with, and returns the uniforms. */
   surface(state, show, view) {
     const { gl, model } = this
     const about = model.about.layers[state.layer]
-    const alone = show === 'vertices'
-    this.vertices(`${alone ? 'vertexCodes' : 'codes'}${state.layer}`)
+    const alone = show in CODES
+    this.vertices(`${CODES[show] ?? 'codes'}${state.layer}`)
     const { made, uniforms } = this.programs.surface
     gl.useProgram(made)
     this.view(uniforms, view)
-    this.light(uniforms, about, state)
+    this.light(uniforms, about, state, show === 'full')
     const form = alone && about.form === 'table' ? (about.channels === 1 ? 'scalar' : 'rgb') : about.form
     gl.uniform1i(uniforms.form, ['scalar', 'rgb', 'table'].indexOf(form))
     gl.uniform1i(uniforms.source, SOURCES[show])
@@ -199,15 +276,16 @@ export class Renderer {
     gl.uniform1i(uniforms.materials, state.materials ? 1 : 0)
     gl.uniform1f(uniforms.texelSize, model.about.texelSize)
     gl.uniform3fv(uniforms.eye, state.camera.eye())
+    return uniforms
   }
 
   /** As `surface`, of all layers of harmonics together. */
   harmonics(state, show, matrix) {
     const { gl, model } = this
     const layers = model.harmonics
-    const codes = show === 'vertices' ? 'vertexCodes' : 'codes'
+    const codes = CODES[show] ?? 'codes'
     const name = `harmonics ${codes}`
-    this.programs.harmonics ??= harmonics(gl, layers.length)
+    const program = (this.programs[`harmonics${layers.length}`] ??= harmonics(gl, layers.length))
     if (!this.arrays.has(name)) {
       const array = gl.createVertexArray()
       gl.bindVertexArray(array)
@@ -218,24 +296,26 @@ export class Renderer {
       }
       attribute(ATTRIBUTES.position, 'positions', 3, gl.FLOAT, false, 12)
       attribute(ATTRIBUTES.normal, 'normals', 3, gl.BYTE, true, 4)
-      attribute(ATTRIBUTES.base, 'baseColors', 3, gl.UNSIGNED_BYTE, true, 4)
+      attribute(ATTRIBUTES.base, 'baseColors', 4, gl.UNSIGNED_BYTE, true, 4)
+      if (model.has('uvs')) attribute(ATTRIBUTES.uv, 'uvs', 2, gl.FLOAT, false, 8)
       layers.forEach((layer, k) => attribute(ATTRIBUTES.code + k, `${codes}${layer}`, 2, gl.UNSIGNED_SHORT, false, 4))
       this.arrays.set(name, array)
     }
     gl.bindVertexArray(this.arrays.get(name))
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices.buffer)
-    const { made, uniforms } = this.programs.harmonics
+    const { made, uniforms } = program
     gl.useProgram(made)
     gl.uniformMatrix4fv(uniforms.clipFromWorld, false, matrix)
     layers.forEach((layer, k) => {
       gl.activeTexture(gl.TEXTURE0 + k)
       // A unit has a place for each kind of texture: a table that stands there stays.
-      gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.layers[layer].atlas)
+      gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.layers[layer][show === 'full' ? 'full' : 'atlas'])
       gl.uniform1i(uniforms[`atlas${k}`], k)
       gl.uniform3fv(uniforms[`scale${k}`], model.about.layers[layer].scale)
     })
     gl.uniform1i(uniforms.materials, state.materials ? 1 : 0)
     gl.uniform1f(uniforms.exposure, 2 ** state.exposure)
+    return uniforms
   }
 
   view(uniforms, { clipFromWorld, inAtlas, atlasView }) {
@@ -245,11 +325,11 @@ export class Renderer {
     gl.uniform4fv(uniforms.atlasView, atlasView)
   }
 
-  light(uniforms, about, state) {
+  light(uniforms, about, state, full) {
     const { gl } = this
-    const { atlas, table } = this.layers[state.layer]
+    const { atlas, full: over, table } = this.layers[state.layer]
     gl.activeTexture(gl.TEXTURE0)
-    gl.bindTexture(gl.TEXTURE_2D_ARRAY, atlas)
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, full ? over : atlas)
     gl.uniform1i(uniforms.atlas, 0)
     gl.activeTexture(gl.TEXTURE1)
     gl.bindTexture(gl.TEXTURE_2D, table)
@@ -258,17 +338,26 @@ export class Renderer {
     gl.uniform2fv(uniforms.ends, about.clamp ?? about.range)
     gl.uniform1i(uniforms.one, about.channels === 1 ? 1 : 0)
     gl.uniform1i(uniforms.isSigned, about.range[0] < 0 ? 1 : 0)
-    gl.uniform1f(uniforms.exposure, about.white > 0 ? 2 ** state.exposure : 1)
+    gl.uniform1f(uniforms.exposure, 2 ** state.exposure)
   }
 
-  /** Single-sided triangles come first. */
-  triangles({ count }) {
+  /** Draws the triangles, group after group. */
+  triangles(uniforms) {
     const { gl, model } = this
-    const single = 3 * model.about.singleSided
-    gl.enable(gl.CULL_FACE)
-    if (single > 0) gl.drawElements(gl.TRIANGLES, single, gl.UNSIGNED_INT, 0)
+    // The unit behind those of light; harmonics have up to nine.
+    const unit = 9
+    gl.activeTexture(gl.TEXTURE0 + unit)
+    gl.uniform1i(uniforms.picture ?? null, unit)
+    let first = 0
+    for (const { triangles, doubleSided, texture, cutoff } of model.about.groups) {
+      gl.bindTexture(gl.TEXTURE_2D, texture === null ? this.white : this.textures[texture].texture)
+      gl.uniform1f(uniforms.cutoff ?? null, cutoff)
+      if (doubleSided) gl.disable(gl.CULL_FACE)
+      else gl.enable(gl.CULL_FACE)
+      gl.drawElements(gl.TRIANGLES, 3 * triangles, gl.UNSIGNED_INT, 12 * first)
+      first += triangles
+    }
     gl.disable(gl.CULL_FACE)
-    if (count > single) gl.drawElements(gl.TRIANGLES, count - single, gl.UNSIGNED_INT, 4 * single)
   }
 
   lines(view, paint, pull) {
@@ -388,7 +477,7 @@ export class Renderer {
       gl.drawElements(gl.TRIANGLES, this.inAtlas.count, gl.UNSIGNED_INT, 0)
     } else {
       gl.enable(gl.DEPTH_TEST)
-      this.triangles(this.indices)
+      this.triangles(uniforms)
     }
     const found = new Uint32Array(4)
     gl.readPixels(0, 0, 1, 1, gl.RGBA_INTEGER, gl.UNSIGNED_INT, found)

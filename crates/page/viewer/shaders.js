@@ -10,7 +10,7 @@ precision highp sampler2DArray;
 `
 
 /** Where attributes lie, in all programs but that of harmonics, whose codes begin at that of the one. */
-export const ATTRIBUTES = { position: 0, normal: 1, base: 2, ids: 3, code: 4, fallback: 5 }
+export const ATTRIBUTES = { position: 0, normal: 1, base: 2, ids: 3, code: 4, fallback: 5, uv: 13 }
 
 /** Where a vertex stands: in the scene, or in the atlas. */
 const STAND = `
@@ -22,10 +22,22 @@ vec4 stand(vec3 position, vec2 place) {
 }
 `
 
+/** What the material says of a point: its color, linear, and whether there is anything. */
+const MATERIAL = `
+in vec4 vBase;
+in vec2 vUv;
+uniform sampler2D picture;
+uniform float cutoff;
+vec4 material() {
+    return vBase * texture(picture, vUv);
+}
+`
+
 const SURFACE_VERTEX = `${HEAD}${VERTEX}${STAND}
 in vec3 position;
 in vec3 normal;
-in vec3 base;
+in vec4 base;
+in vec2 uv;
 in uvec2 ids;
 in vec2 code;
 in vec3 fallback;
@@ -33,7 +45,8 @@ uniform int form;
 uniform sampler2D table;
 out vec3 vWorld;
 out vec3 vNormal;
-out vec3 vBase;
+out vec4 vBase;
+out vec2 vUv;
 out vec3 vColor;
 out vec3 vPlace;
 out vec3 vFallback;
@@ -42,7 +55,8 @@ flat out int vVertex;
 void main() {
     vWorld = position;
     vNormal = normal;
-    vBase = base * base;
+    vBase = vec4(base.rgb * base.rgb, base.a);
+    vUv = uv;
     vFallback = fallback;
     vChart = ids.x;
     vVertex = gl_VertexID;
@@ -84,10 +98,9 @@ vec3 look(vec3 unit) {
 }
 `
 
-const SURFACE_FRAGMENT = `${HEAD}${FRAGMENT}${SHARED}${LOOK}
+const SURFACE_FRAGMENT = `${HEAD}${FRAGMENT}${SHARED}${LOOK}${MATERIAL}
 in vec3 vWorld;
 in vec3 vNormal;
-in vec3 vBase;
 in vec3 vColor;
 in vec3 vPlace;
 in vec3 vFallback;
@@ -120,12 +133,16 @@ void main() {
     vec3 worldX = dFdx(vWorld), worldY = dFdy(vWorld);
     vec3 flatNormal = cross(worldX, worldY);
     vec3 normal = normalize(dot(vNormal, vNormal) > 0.1 ? vNormal : flatNormal + vec3(0.0, 1e-9, 0.0));
+    vec4 own = material();
+    if (!inAtlas && own.a < cutoff) discard;
     float clay = 0.15 + 0.6 * abs(dot(normal, normalize(eye - vWorld))) + 0.25 * (0.5 + 0.5 * normal.y);
 
     vec3 shown = look(vColor + (one ? texel.rrr : texel));
-    if (source == 1) shown = vFallback * exposure;
+    // What has a range is seen as it is; with the colors of dark materials it may need more.
+    bool isLight = scale.z > 0.0;
+    if (source == 1) shown = isLight ? vFallback * exposure : vFallback;
     if (source == 2) shown = vec3(clay);
-    if (materials) shown *= vBase;
+    if (materials) shown *= isLight ? own.rgb : own.rgb * exposure;
 
     float eta = vPlace.z;
     vec2 place = vPlace.xy / max(eta, 1e-6);
@@ -152,13 +169,14 @@ void main() {
 }
 `
 
-const PICK_FRAGMENT = `${HEAD}
+const PICK_FRAGMENT = `${HEAD}${MATERIAL}
 in vec3 vWorld;
 in vec3 vPlace;
 flat in int vVertex;
 uniform bool inAtlas;
 out uvec4 found;
 void main() {
+    if (!inAtlas && material().a < cutoff) discard;
     vec3 at = inAtlas ? vec3(vPlace.xy, 0.0) : vWorld;
     found = uvec4(uint(vVertex) + 1u, floatBitsToUint(at));
 }
@@ -247,38 +265,42 @@ export function harmonics(gl, count) {
   const vertex = `${HEAD}${VERTEX}
 in vec3 position;
 in vec3 normal;
-in vec3 base;
+in vec4 base;
+in vec2 uv;
 ${each((k) => `in vec2 code${k};\nout vec3 vColor${k};`)}
 uniform mat4 clipFromWorld;
 out vec3 vNormal;
-out vec3 vBase;
+out vec4 vBase;
+out vec2 vUv;
 out vec3 vPlace;
 void main() {
     vNormal = normal;
-    vBase = base * base;
+    vBase = vec4(base.rgb * base.rgb, base.a);
+    vUv = uv;
     vPlace = lightkilnVertexPlace(code0);
 ${each((k) => `    vColor${k} = lightkilnVertexRgb(code${k});`)}
     gl_Position = clipFromWorld * vec4(position, 1.0);
 }
 `
-  const fragment = `${HEAD}${FRAGMENT}${SHARED}
+  const fragment = `${HEAD}${FRAGMENT}${SHARED}${MATERIAL}
 in vec3 vNormal;
-in vec3 vBase;
 in vec3 vPlace;
 ${each((k) => `in vec3 vColor${k};\nuniform sampler2DArray atlas${k};\nuniform vec3 scale${k};`)}
 uniform bool materials;
 uniform float exposure;
 out vec4 color;
 void main() {
+    vec4 own = material();
+    if (own.a < cutoff) discard;
     vec3 sh[${count}];
 ${each((k) => `    sh[${k}] = lightkilnLightUnscaleRgb(lightkilnLightRgb(atlas${k}, vColor${k}, vPlace), scale${k});`)}
     vec3 light = lightkilnLightSh${count === 4 ? 1 : 2}(sh, normalize(vNormal + vec3(0.0, 1e-9, 0.0)));
     vec3 shown = light / (0.282095 * scale0.z) * exposure;
-    color = vec4(encoded(materials ? shown * vBase : shown), 1.0);
+    color = vec4(encoded(materials ? shown * own.rgb : shown), 1.0);
 }
 `
   const codes = [...Array(count).keys()].map((k) => [`code${k}`, ATTRIBUTES.code + k])
-  return program(gl, vertex, fragment, { position: ATTRIBUTES.position, normal: ATTRIBUTES.normal, base: ATTRIBUTES.base, ...Object.fromEntries(codes) })
+  return program(gl, vertex, fragment, { position: ATTRIBUTES.position, normal: ATTRIBUTES.normal, base: ATTRIBUTES.base, uv: ATTRIBUTES.uv, ...Object.fromEntries(codes) })
 }
 
 /** All other programs, each with its uniforms by name. */

@@ -71,7 +71,7 @@ pub enum SampleError {
 }
 
 /// Samples of a mesh, sorted by triangle, then by number within it. All arrays have one entry per sample.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
     /// Where each sample lies.
     pub points: Vec<SurfacePoint>,

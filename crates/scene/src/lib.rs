@@ -15,6 +15,7 @@
 //! | `geometry`, `lookup` | pools of vertices as triangles; texture coordinates and vertex colors |
 //! | `material`, `images`, `variants` | materials with their images |
 //! | `surface` | what a point reflects, emits and lets through |
+//! | `appearance` | base colors and their images, for viewers |
 //! | `lights`, `environment`, `cameras` | punctual lights, environment maps, cameras |
 //! | `roles` | who casts and receives; parts chosen by name |
 //! | `texture` | textures as signals |
@@ -31,6 +32,7 @@
 
 mod accessor;
 mod animation;
+mod appearance;
 mod assemble;
 mod baked;
 mod cameras;
@@ -68,6 +70,7 @@ mod uri;
 mod variants;
 mod write;
 
+pub use appearance::{Appearance, BaseTexture};
 pub use baked::{BakedLight, ExtensionInfo, Fallback, LayerFiles, Pairs, PartLight};
 pub use cameras::{Projection, SceneCamera};
 pub use environment::{Environment, decode_environment, read_environment};
@@ -84,5 +87,5 @@ pub use profile::Profile;
 pub use roles::Roles;
 pub use scene::{Glass, Part, ReadOptions, Scene, TriangleFlags};
 pub use surface::{EmissiveTriangle, Finish, MAX_ALBEDO};
-pub use texture::{Slot, Textures};
+pub use texture::{Slot, Textures, Wrap};
 pub use write::{LayerWritten, PartWritten, Written, WrittenFile, write};

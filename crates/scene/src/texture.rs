@@ -21,10 +21,13 @@ use crate::scene::Scene;
 use crate::srgb::linear;
 
 /// What lies outside of an image.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Wrap {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wrap {
+    /// Its edge.
     Clamp,
+    /// Its mirror image.
     Mirror,
+    /// The image again.
     Repeat,
 }
 
@@ -103,9 +106,19 @@ impl Mapping {
         Ok(mapping)
     }
 
+    /// What lies outside of the image, along u and v.
+    pub fn wrap(&self) -> [Wrap; 2] {
+        self.wrap
+    }
+
+    /// Texture coordinates after KHR_texture_transform.
+    pub fn transformed(&self, [u, v]: [f32; 2]) -> [f32; 2] {
+        self.transform.map(|[a, b, c]| a * u + b * v + c)
+    }
+
     /// Where texture coordinates lie in an image that repeats for ever, in texels.
-    pub fn texel_position(&self, [u, v]: [f32; 2], size: [usize; 2]) -> [f32; 2] {
-        let at = self.transform.map(|[a, b, c]| a * u + b * v + c);
+    pub fn texel_position(&self, uv: [f32; 2], size: [usize; 2]) -> [f32; 2] {
+        let at = self.transformed(uv);
         [at[0] * size[0] as f32, at[1] * size[1] as f32]
     }
 

@@ -1,0 +1,92 @@
+// `lightkiln bake --preview` in a headless browser: the page shows the bake before it ends, ends as the page of the file, and
+// stops it.
+
+import assert from 'node:assert/strict'
+import { execFileSync, spawn } from 'node:child_process'
+import { mkdtempSync, readFileSync, readdirSync, rmSync } from 'node:fs'
+import { tmpdir } from 'node:os'
+import { join } from 'node:path'
+import { after, before, test } from 'node:test'
+
+import { PROGRAM, ROOT, launch } from './browser.mjs'
+
+const folder = mkdtempSync(join(tmpdir(), 'lightkiln-preview-'))
+const file = (name) => join(folder, name)
+
+let browser
+before(async () => (browser = await launch()))
+after(async () => {
+  await browser?.close()
+  rmSync(folder, { recursive: true })
+})
+
+/** Starts a bake with its page open; what the page complains of is gathered. */
+async function preview(scene, name, ...extra) {
+  const bake = spawn(PROGRAM, ['bake', scene, '-o', file(name), '--quiet', '--preview', ...extra])
+  let said = ''
+  bake.stderr.on('data', (data) => (said += data))
+  const ended = new Promise((resolve) => bake.on('exit', (code) => resolve(code)))
+  while (!said.includes('\n')) await new Promise((resolve) => bake.stderr.once('data', resolve))
+  const page = await browser.newPage({ viewport: { width: 1100, height: 700 } })
+  const complaints = []
+  page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
+  page.on('pageerror', (error) => complaints.push(String(error)))
+  await page.goto(said.match(/http:\S+/)[0])
+  return { bake, page, complaints, ended, said: () => said }
+}
+
+const phase = (page) => page.locator('#bake').getAttribute('data-phase')
+
+/** How many grays there are in the scene as it is shown now. */
+const grays = (page) =>
+  page.evaluate(() => {
+    const { renderer, paint } = globalThis.lightkiln
+    paint()
+    const { gl, canvas } = renderer
+    const pixels = new Uint8Array(4 * canvas.width * canvas.height)
+    gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels)
+    return new Set(pixels.filter((_, i) => i % 4 === 0)).size
+  })
+
+test('the page shows a bake before its end, refines it, and ends as the page of the file', async (t) => {
+  const { page, complaints, ended } = await preview(join(ROOT, 'data/cornell.glb'), 'watched.glb', '--quality', 'normal', '--samples', '60000')
+  // Something is there while the bake goes on: light at vertices, and no atlas yet.
+  await page.waitForFunction(() => globalThis.lightkiln?.model.about.lit)
+  const states = [await page.evaluate(() => ({ ...globalThis.lightkiln.model.about.classes, version: document.getElementById('bake').dataset.shown }))]
+  assert.notEqual(await phase(page), 'done')
+  assert.equal(states[0].texture, 0)
+  assert.ok((await grays(page)) > 20)
+  const turned = await page.evaluate(() => (globalThis.lightkiln.state.camera.azimuth = 0.2))
+  await page.waitForFunction(() => document.getElementById('bake').dataset.phase === 'done', undefined, { timeout: 120_000 })
+  await page.waitForFunction(() => globalThis.lightkiln.model.about.figures.lines)
+  states.push(await page.evaluate(() => globalThis.lightkiln.model.about.classes))
+  assert.ok(states[1].texture > 0)
+  t.diagnostic(`${await page.locator('#bake').getAttribute('data-shown')} versions`)
+  assert.match(await page.locator('#figures').textContent(), /light on the GPU.*RMSE/)
+  assert.equal(await page.evaluate(() => globalThis.lightkiln.state.camera.azimuth), turned)
+  // The model is that of `view`, but for the figures, which come from the report.
+  execFileSync(PROGRAM, ['view', file('watched.glb'), '--export', file('site'), '--quiet'])
+  const expected = JSON.parse(readFileSync(file('site/model.json')))
+  const shown = await page.evaluate(() => globalThis.lightkiln.model.about)
+  for (const about of [expected, shown]) delete about.figures, delete about.block
+  assert.deepEqual(shown, expected)
+  assert.deepEqual(complaints, [])
+  await page.close()
+  assert.equal(await ended, 0)
+  // Watching changes nothing.
+  execFileSync(PROGRAM, ['bake', join(ROOT, 'data/cornell.glb'), '-o', file('plain.glb'), '--quality', 'normal', '--quiet', '--samples', '60000'])
+  assert.ok(readFileSync(file('plain.glb')).equals(readFileSync(file('watched.glb'))))
+})
+
+test('the button of the page stops the bake, and the page says so', async () => {
+  const { page, complaints, ended, said } = await preview(join(ROOT, 'data/cornell.glb'), 'never.glb', '--quality', 'final', '--samples', '200000', '--signal', 'lightmap')
+  await page.waitForFunction(() => globalThis.ready)
+  await page.locator('#bake button').click()
+  await page.waitForFunction(() => document.getElementById('bake').dataset.phase === 'cancelled')
+  assert.match(await page.locator('#bake').textContent(), /Cancelled: nothing was written/)
+  assert.equal(await ended, 130)
+  assert.match(said(), /the bake was cancelled, and nothing was written/)
+  assert.deepEqual(readdirSync(folder).filter((name) => name.includes('never')), [])
+  assert.deepEqual(complaints, [])
+  await page.close()
+})
