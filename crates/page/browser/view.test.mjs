@@ -231,7 +231,7 @@ test('surfaces have the colors of their textures, times the light', async (t) =>
       const { image } = model.about.textures[0]
       const bitmap = await createImageBitmap(await (await fetch(image)).blob(), { colorSpaceConversion: 'none' })
       const canvas = Object.assign(document.createElement('canvas'), { width: bitmap.width, height: bitmap.height })
-      const context = canvas.getContext('2d')
+      const context = canvas.getContext('2d', { willReadFrequently: true })
       context.drawImage(bitmap, 0, 0)
       const uvs = model.numbers('uvs', Float32Array)
       const found = []
