@@ -117,8 +117,10 @@ pub fn open_in_browser(address: &str) {
         _ => "xdg-open",
     };
     let quiet = Stdio::null;
+    let mut browser = Command::new(program);
+    browser.arg(address).stdin(quiet()).stdout(quiet()).stderr(quiet());
     // The address is printed as well: whoever has no such program opens it by hand.
-    let _ = Command::new(program).arg(address).stdin(quiet()).stdout(quiet()).stderr(quiet()).spawn();
+    std::thread::spawn(move || browser.status());
 }
 
 /// Writes a report: as a page with pictures of the baked file for a name in `.html`, else as JSON.

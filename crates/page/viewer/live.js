@@ -9,8 +9,9 @@ const STAGES = {
 /**
  * - `box`: the element that shows the bake
  * - `renew`: fetches and shows the newest model
+ * - `failed`: takes the error when that cannot be done
  */
-export function follow(box, renew) {
+export function follow(box, renew, failed) {
   const [text, meter, button] = ['p', 'progress', 'button'].map((name) => box.querySelector(name))
   const events = new EventSource('events')
   let [shown, busy, latest, lost] = [0, false, undefined, false]
@@ -26,6 +27,9 @@ export function follow(box, renew) {
         await renew()
         shown = version
       }
+    } catch (error) {
+      // A bake that has ended without a file has nothing more to show.
+      if (latest.phase !== 'cancelled' && latest.phase !== 'failed') failed(error)
     } finally {
       busy = false
     }

@@ -13,8 +13,8 @@ const OVERLAYS = ['none', 'classes', 'charts', 'density', 'error']
 const at = (id) => document.getElementById(id)
 
 let show
-if (LIVE) follow(at('bake'), () => attempt(renew))
-else await attempt(renew)
+if (LIVE) follow(at('bake'), renew, cannotShow)
+else await renew().catch(cannotShow)
 
 /** Shows the model as it is now; the first one starts the page. */
 async function renew() {
@@ -23,13 +23,9 @@ async function renew() {
   else show = start(model, new Renderer(at('view'), model))
 }
 
-async function attempt(work) {
-  try {
-    await work()
-  } catch (error) {
-    fail(`The scene cannot be shown: ${error.message}`)
-    throw error
-  }
+function cannotShow(error) {
+  fail(`The scene cannot be shown: ${error.message}`)
+  throw error
 }
 
 function fail(text) {
