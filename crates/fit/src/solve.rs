@@ -13,6 +13,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::assembly::Rows;
 use crate::chebyshev::Chebyshev;
@@ -32,6 +33,9 @@ const ITERATIONS: usize = 300;
 const PATIENCE: usize = 2000;
 /// Sheets up to this many unknowns fall back to one factor, larger ones to overlapping blocks.
 const FACTORED: usize = 150_000;
+/// Right-hand sides that a sparse factor solves for together; further ones are solved in parallel. Not a matter of how
+/// many threads there are, for it may show in the last bits.
+const TOGETHER: usize = 8;
 /// Pivots of the scaled matrix below this are rounding and raised to it.
 const LEAST_PIVOT: f64 = 1e-15;
 
@@ -358,13 +362,16 @@ impl Sparse {
             }
         }
         let factor = LltRef::new(&self.symbolic, &self.values);
-        let mut memory = MemBuffer::new(self.symbolic.solve_in_place_scratch::<f64>(width, Par::Seq));
-        factor.solve_in_place_with_conj(
-            Conj::No,
-            MatMut::from_column_major_slice_mut(&mut columns, n, width),
-            Par::Seq,
-            MemStack::new(&mut memory),
-        );
+        columns.par_chunks_mut(n * TOGETHER).for_each(|columns| {
+            let width = columns.len() / n;
+            let mut memory = MemBuffer::new(self.symbolic.solve_in_place_scratch::<f64>(width, Par::Seq));
+            factor.solve_in_place_with_conj(
+                Conj::No,
+                MatMut::from_column_major_slice_mut(columns, n, width),
+                Par::Seq,
+                MemStack::new(&mut memory),
+            );
+        });
         for (r, scale) in self.scale.iter().enumerate() {
             for k in 0..width {
                 part[r * width + k] = columns[k * n + r] * scale;

@@ -121,6 +121,29 @@ proptest! {
 }
 
 #[test]
+fn channels_of_one_fit_are_as_if_fitted_alone() {
+    const CHANNELS: usize = 108;
+    let m = sheet(30, 0.9, 7);
+    let (points, weights) = scatter(&m, 2, 7);
+    let values: Vec<f32> =
+        (0..points.len() * CHANNELS).map(|i| random::unit(random::hash(7, i as u64, 0, 0))).collect();
+    for solver in [Solver::Direct, Solver::Iterative] {
+        let run = |values: &[f32], channels| {
+            let observations = Observations { points: &points, weights: &weights, values, channels };
+            let options = FitOptions { alpha: 0.1, solver, ..FitOptions::default() };
+            fit(&m, &adjacency(&m), &observations, None, &options).expect("fits").values
+        };
+        let all = run(&values, CHANNELS);
+        for channel in [0, 1, 35, 36, 107] {
+            let own: Vec<f32> = values.iter().skip(channel).step_by(CHANNELS).copied().collect();
+            for (one, of_all) in run(&own, 1).iter().zip(all.iter().skip(channel).step_by(CHANNELS)) {
+                assert!((one - of_all).abs() <= 1e-6, "{solver:?}, channel {channel}: {one} and {of_all}");
+            }
+        }
+    }
+}
+
+#[test]
 fn strong_gradient_term_gives_the_mean_of_each_sheet() {
     let mut m = sheet(6, 0.5, 1);
     let other = sheet(5, 0.5, 2);

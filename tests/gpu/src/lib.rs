@@ -222,7 +222,7 @@ fn random_case(number: usize, dice: &mut Dice, textures: &Textures, table: &Tabl
     let page = round as u32 % RANDOM_PAGES;
     // Twice the picture and a few texels, so that they are magnified, or a part of it and many, so that they are minified.
     let [side, spread] = [[2 * PIXELS, 12], [PIXELS / 2, SIZE[0] - 2]][round / 2 % 2].map(|n| n as f32);
-    let is_color = [1, 2, 4].map(|corner| round / 4 & corner != 0);
+    let is_color = [1, 2, 4].map(|corner| (round / 4) & corner != 0);
     let corner = SIZE.map(|size| 1.0 + ((size - 2) as f32 - spread) * dice.roll());
     let places = [0; 3].map(|_| {
         let [u, v] = corner.map(|from| from + spread * dice.roll());
