@@ -28,6 +28,17 @@ pub struct Shape {
     sources: Vec<(usize, usize)>,
 }
 
+/// What tells groups apart: sidedness, texture, and the bits of the cutoff.
+type Looks = (bool, Option<usize>, u32);
+
+/// A triangle of a group.
+struct Drawn {
+    /// Its part, and its number there.
+    source: (usize, usize),
+    /// Its vertices in the model.
+    vertices: [u32; 3],
+}
+
 /// Codes on a scene: one attribute of the model.
 pub struct CodeSet {
     /// Per part, per triangle, of its corners; nothing for parts without light.
@@ -59,9 +70,7 @@ impl Shape {
     pub fn new(scene: &Scene, file: &str) -> Result<Self, BakeError> {
         let mut bare = Model { name: file.to_owned(), is_lit: true, ..Model::default() };
         let mut seen = Seen::default();
-        // By group: sidedness and looks.
-        let mut grouped: BTreeMap<(bool, Option<usize>, u32), Vec<(usize, usize, [u32; 3])>> =
-            BTreeMap::new();
+        let mut grouped: BTreeMap<Looks, Vec<Drawn>> = BTreeMap::new();
         for (number, part) in scene.parts.iter().enumerate() {
             bare.part_names.push(scene.part_name(number));
             let looks: Vec<Appearance> = (0..part.primitives.len())
@@ -104,7 +113,7 @@ impl Shape {
                     AlphaMode::Blend => THIN,
                 };
                 let key = (flags.double_sided, textures[primitive], cutoff.max(0.0).to_bits());
-                grouped.entry(key).or_default().push((number, triangle, vertices));
+                grouped.entry(key).or_default().push(Drawn { source: (number, triangle), vertices });
             }
         }
         let mut sources = Vec::new();
@@ -115,8 +124,8 @@ impl Shape {
                 texture,
                 cutoff: f32::from_bits(cutoff),
             });
-            bare.triangles.extend(triangles.iter().map(|(.., corners)| *corners));
-            sources.extend(triangles.iter().map(|&(part, triangle, _)| (part, triangle)));
+            bare.triangles.extend(triangles.iter().map(|drawn| drawn.vertices));
+            sources.extend(triangles.iter().map(|drawn| drawn.source));
         }
         if bare.textures.is_empty() {
             bare.uvs.clear();

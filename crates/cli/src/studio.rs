@@ -459,7 +459,7 @@ impl Studio<'_> {
             ..BakeOptions::default()
         };
         let plan = Plan::new(&options, &self.surface.mesh)?;
-        full_texture(self.surface, self.signal.as_ref(), &self.layers, values, &plan, clock)
+        full_texture(self.surface, self.signal.as_ref(), self.layers, values, &plan, clock)
     }
 }
 
