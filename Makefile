@@ -108,9 +108,10 @@ side-by-side: $(BESIDE) $(STOCK) build viewer
 	  $(foreach f,$(BESIDE),$(basename $(basename $(notdir $f)))=$f$(if $(filter out/scenes/%,$f),$(comma)$(f:out/scenes/%=out/stock/%)))
 	cp out/side_by_side/contact.png docs/figures/side_by_side.png
 
-# Builds what `test` runs, and with it the program.
+# Builds what `test` runs, and the programs. Examples ask for the features that tests have: no library is built twice.
 test-build:
 	$(CARGO) test --release --locked --workspace --no-run
+	$(CARGO) build --release --locked --workspace --bins --examples
 
 # The optional packers of chart: they need libclang and a C++ compiler. cli and encode are named so that libraries
 # have the features that they have in `test` and are not built twice; encode's own tests run along.
