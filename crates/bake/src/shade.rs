@@ -66,7 +66,7 @@ impl Lit {
                 &self.light,
                 &self.weights,
                 &self.values,
-                tighter,
+                Decision::new(tighter, plan),
             );
             self.needs_texture = verdicts.iter().map(|v| *v == Verdict::Texture).collect();
         }
@@ -128,8 +128,15 @@ pub fn light_fit_classify(
         let shown = SnapshotLight { layers: &layers, values: &values, shown: None };
         clock.show(&Snapshot { surface, plan, light: Some(shown) });
         clock.stage("classify")?;
-        let verdicts =
-            classify_triangles(surface, &samples, &layers, &light, &weights, &values, plan.max_error);
+        let verdicts = classify_triangles(
+            surface,
+            &samples,
+            &layers,
+            &light,
+            &weights,
+            &values,
+            Decision::new(plan.max_error, plan),
+        );
         let mut open = 0_usize;
         for (triangle, _) in verdicts.iter().enumerate().filter(|(_, v)| **v == Verdict::Open) {
             for sample in samples.of_triangle(TriangleId(triangle as u32)) {
@@ -376,6 +383,23 @@ pub fn interpolate(
     layers.clamp(out);
 }
 
+/// What decides whether a triangle is a texture triangle.
+#[derive(Clone, Copy)]
+struct Decision {
+    /// Largest error.
+    bound: f32,
+    /// Standard errors at which it is certain.
+    confidence: f32,
+}
+
+impl Decision {
+    /// By that bound. The confidence shrinks with it: in a draft the noise alone is larger than the bound, so that a
+    /// tighter one would decide next to nothing else, and what noise left open is what fresh points found wrong.
+    fn new(bound: f32, plan: &Plan) -> Self {
+        Self { bound, confidence: CONFIDENCE * bound / plan.max_error }
+    }
+}
+
 /// Each judged value of a sample counts as a sample of its own.
 fn classify_triangles(
     surface: &Surface<'_>,
@@ -384,7 +408,7 @@ fn classify_triangles(
     light: &UnitLight,
     weights: &[f32],
     values: &[f32],
-    bound: f32,
+    by: Decision,
 ) -> Vec<Verdict> {
     let judged = layers.judged();
     let mut errors = vec![0.0; samples.points.len() * judged];
@@ -397,5 +421,5 @@ fn classify_triangles(
     let starts: Vec<u32> = samples.triangle_starts().iter().map(|&s| s * judged as u32).collect();
     let residuals =
         Residuals { triangle_starts: &starts, errors: &errors, sigmas: light.sigmas(), valid: &valid };
-    classify(&residuals, bound, CONFIDENCE)
+    classify(&residuals, by.bound, by.confidence)
 }
