@@ -11,7 +11,6 @@ import { after, before, test } from 'node:test'
 
 import { PROGRAM, ROOT, launch } from './browser.mjs'
 
-
 const run = (...args) => execFileSync(PROGRAM, args, { encoding: 'utf8', stdio: ['ignore', 'pipe', 'pipe'] })
 const folder = mkdtempSync(join(tmpdir(), 'lightkiln-view-'))
 const file = (name) => join(folder, name)
