@@ -11,9 +11,10 @@ use glam::Vec3;
 use lightkiln_light::denoise::{Noisy, denoise};
 use lightkiln_light::harmonics::basis;
 use lightkiln_light::{Curve, Domain, Estimates, Layer, Scale, Signal};
-use lightkiln_mesh::{Mesh, SurfacePoint};
+use lightkiln_mesh::SurfacePoint;
 use rayon::prelude::*;
 
+use crate::Surface;
 use crate::harmonics::{Harmonics, JUDGED, baked, normals};
 use crate::options::{BakeBounds, CONFIDENCE};
 
@@ -267,16 +268,16 @@ impl Layers {
 
     /// The same with the noise of paths of light filtered away where neighbours allow it ([`denoise`]).
     ///
-    /// - `points`: of the estimates, with their shading normals
+    /// - `points`: of the estimates
     /// - `radius`: of the filter, in units of the mesh
     pub fn filtered_light(
         &self,
-        mesh: &Mesh,
+        surface: &Surface<'_>,
         points: &[SurfacePoint],
-        normals: Vec<Vec3>,
         estimates: &Estimates,
         radius: f32,
     ) -> UnitLight {
+        let normals = surface.lit_normals(points);
         if !self.are_filtered() {
             return self.light(normals, estimates);
         }
@@ -288,7 +289,7 @@ impl Layers {
         for point in (0..estimates.len()).filter(|&i| !estimates.valid(i)) {
             all[point * channels..][..channels].fill(f32::INFINITY);
         }
-        let positions: Vec<Vec3> = points.par_iter().map(|&p| mesh.position(p)).collect();
+        let positions: Vec<Vec3> = points.par_iter().map(|&p| surface.mesh.position(p)).collect();
         for layer in self.layers.iter().filter(|l| l.is_light()) {
             let own = |all: &[f32]| -> Vec<f32> {
                 all.chunks_exact(channels).flat_map(|row| &row[layer.channels()]).copied().collect()

@@ -360,8 +360,7 @@ fn shade_texels(
         .collect();
     refine(&mut light, signal, &points, &keys, &wanted, clock)?;
 
-    let (normals, radius) = (surface.lit_normals(&points), FILTER_RADIUS * plan.radius);
-    let unit = layers.filtered_light(&surface.mesh, &points, normals, &light, radius);
+    let unit = layers.filtered_light(surface, &points, &light, FILTER_RADIUS * plan.radius);
     let channels = layers.channels();
     let mut next = 0..points.len();
     Ok(texels

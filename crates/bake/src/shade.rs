@@ -120,9 +120,8 @@ pub fn light_fit_classify(
     let mut densified = 0;
     loop {
         clock.stage(if layers.are_filtered() { "filter" } else { "fit" })?;
-        let normals = surface.lit_normals(&samples.points);
         let radius = FILTER_RADIUS * plan.radius;
-        let light = layers.filtered_light(&surface.mesh, &samples.points, normals, &estimates, radius);
+        let light = layers.filtered_light(surface, &samples.points, &estimates, radius);
         clock.stage("fit")?;
         let values = fit_vertices(surface, &samples, &layers, &light, &weights, plan.bounds)?;
         let shown = SnapshotLight { layers: &layers, values: &values, shown: None };
@@ -206,8 +205,7 @@ pub fn draft(
     refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock)?;
     let weights = weights(surface, &samples, &estimates);
     let layers = Layers::new(signal, &estimates, &weights, plan.white, plan.bounds);
-    let normals = surface.lit_normals(&samples.points);
-    let light = layers.filtered_light(mesh, &samples.points, normals, &estimates, FILTER_RADIUS * radius);
+    let light = layers.filtered_light(surface, &samples.points, &estimates, FILTER_RADIUS * radius);
     let values = fit_vertices(surface, &samples, &layers, &light, &weights, BakeBounds::Clamp)?;
     let light = SnapshotLight { layers: &layers, values: &values, shown: None };
     clock.show(&Snapshot { surface, plan, light: Some(light) });
