@@ -11,10 +11,29 @@ const VIEWER = fileURLToPath(new URL('..', import.meta.url))
 const TYPES = { '.html': 'text/html', '.js': 'text/javascript', '.mjs': 'text/javascript', '.cjs': 'text/javascript', '.wasm': 'application/wasm',
   '.json': 'application/json', '.png': 'image/png' }
 
+// What Chromium remarks of the tests themselves, when a machine is slow enough: they read pixels back, which the pages of users do not.
+const OUR_READING = /GL Driver Message \(OpenGL, Performance, .*GPU stall due to ReadPixels/
+
 /** Debian's Chromium, or the one of `CHROMIUM`, or that of `npx playwright-core install chromium`. */
 function executable() {
   const known = [process.env.CHROMIUM, '/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome']
   return known.find((path) => path && existsSync(path))
+}
+
+/** Chromium on a software renderer. */
+export function launch(flags = []) {
+  const args = ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', ...flags]
+  return chromium.launch({ executablePath: executable(), args })
+}
+
+/** What a page complains about from now on: errors and warnings of its console, and what it does not catch. */
+export function complaintsOf(page) {
+  const complaints = []
+  page.on('console', (message) => {
+    if (['error', 'warning'].includes(message.type()) && !OUR_READING.test(message.text())) complaints.push(message.text())
+  })
+  page.on('pageerror', (error) => complaints.push(String(error)))
+  return complaints
 }
 
 /**
@@ -31,8 +50,7 @@ export async function startBrowser({ root = VIEWER, flags = [] } = {}) {
   })
   await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve))
   const origin = `http://127.0.0.1:${server.address().port}`
-  const args = ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', ...flags]
-  const browser = await chromium.launch({ executablePath: executable(), args })
+  const browser = await launch(flags)
 
   /**
    * A page of this server, or of another one by its whole address, once it says that it is `ready`; with everything that it
@@ -42,11 +60,7 @@ export async function startBrowser({ root = VIEWER, flags = [] } = {}) {
     const page = await browser.newPage({ viewport })
     // Engines are hundreds of modules, and machines may be busy.
     page.setDefaultTimeout(180_000)
-    const complaints = []
-    page.on('console', (message) => {
-      if (['error', 'warning'].includes(message.type())) complaints.push(message.text())
-    })
-    page.on('pageerror', (error) => complaints.push(String(error)))
+    const complaints = complaintsOf(page)
     page.on('response', (response) => response.status() >= 400 && complaints.push(`${response.status()} ${response.url()}`))
     await page.goto(new URL(path, origin).href)
     await page.waitForFunction(ready)

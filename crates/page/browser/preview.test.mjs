@@ -8,7 +8,7 @@ import { tmpdir } from 'node:os'
 import { join } from 'node:path'
 import { after, before, test } from 'node:test'
 
-import { PROGRAM, ROOT, launch } from './browser.mjs'
+import { PROGRAM, ROOT, complaintsOf, launch } from './browser.mjs'
 
 const folder = mkdtempSync(join(tmpdir(), 'lightkiln-preview-'))
 const file = (name) => join(folder, name)
@@ -28,9 +28,7 @@ async function preview(scene, name, ...extra) {
   const ended = new Promise((resolve) => bake.on('exit', (code) => resolve(code)))
   while (!said.includes('\n')) await new Promise((resolve) => bake.stderr.once('data', resolve))
   const page = await browser.newPage({ viewport: { width: 1100, height: 700 } })
-  const complaints = []
-  page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
-  page.on('pageerror', (error) => complaints.push(String(error)))
+  const complaints = complaintsOf(page)
   await page.goto(said.match(/http:\S+/)[0])
   return { bake, page, complaints, ended, said: () => said }
 }

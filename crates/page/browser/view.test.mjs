@@ -9,7 +9,7 @@ import { tmpdir } from 'node:os'
 import { dirname, join } from 'node:path'
 import { after, before, test } from 'node:test'
 
-import { PROGRAM, ROOT, launch } from './browser.mjs'
+import { PROGRAM, ROOT, complaintsOf, launch } from './browser.mjs'
 
 const run = (...args) => execFileSync(PROGRAM, args, { encoding: 'utf8', stdio: ['ignore', 'pipe', 'pipe'] })
 const folder = mkdtempSync(join(tmpdir(), 'lightkiln-view-'))
@@ -40,9 +40,7 @@ async function view(args, use, context = {}) {
     server.stderr.once('data', (data) => reject(new Error(String(data))))
   })
   const page = await browser.newPage({ viewport: { width: 512, height: 512 }, ...context })
-  const complaints = []
-  page.on('console', (message) => ['error', 'warning'].includes(message.type()) && complaints.push(message.text()))
-  page.on('pageerror', (error) => complaints.push(String(error)))
+  const complaints = complaintsOf(page)
   page.on('request', (asked) => asked.url().startsWith(url) || asked.url().startsWith('data:') || complaints.push(asked.url()))
   try {
     await page.goto(url)
