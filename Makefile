@@ -92,7 +92,7 @@ instructions:
 	$(COST_PYTHON) tests/gpu/instructions.py navi21 polaris10
 
 # The light of real scenes on the CPU, in three.js and in Babylon.js, and of the profile stock without a plugin: the table and the picture of docs/VIEWERS.md.
-# FLIP_PYTHON names a Python with the package flip-evaluator.
+# FLIP_PYTHON names a Python with the packages flip-evaluator and numpy.
 BESIDE = $(filter %/lamborghini_huracan.glb %/flight_helmet.glb %/toy_car.glb %/sheen_chair.glb,$(BAKED_SCENES)) \
   out/cornell_light.baked.glb
 

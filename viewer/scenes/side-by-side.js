@@ -63,6 +63,8 @@ async function babylon() {
     Object.assign(camera, { fov: 2 * Math.atan(tangent), minZ: near, maxZ: far })
     await scene.whenReadyAsync()
     scene.render()
+    // Babylon keeps textures by the address of their file, as long as a scene has them.
+    scene.dispose()
     return light?.isReady === true
   }
 }
