@@ -73,15 +73,24 @@ for (const [engine, { page: path, setUp, picture, white }] of Object.entries(ENG
   }
 }
 
-for (const { name } of bakedFiles) {
-  test(`${name} opens in lightkiln view`, async () => {
+/** Bytes of the page's files that a model takes, without pictures of its surfaces. */
+async function bytesOf(url) {
+  const about = await (await fetch(new URL('model.json', url))).text()
+  return about.length + (await (await fetch(new URL(JSON.parse(about).block, url))).arrayBuffer()).byteLength
+}
+
+for (const { name, bytes: { length } } of bakedFiles) {
+  test(`${name} opens in lightkiln view`, async (t) => {
+    const began = performance.now()
     const server = spawn(PROGRAM, ['view', '--quiet', join(FOLDER, `${name}.glb`)])
     try {
       const url = await new Promise((resolve, reject) => {
         server.stdout.once('data', (data) => resolve(String(data).trim()))
         server.stderr.once('data', (data) => reject(new Error(String(data))))
       })
+      const served = performance.now()
       const { page, complaints } = await browser.open(url, { width: 512, height: 512 })
+      const opened = performance.now()
       const pixels = await page.evaluate(() => {
         const { state, renderer, paint } = globalThis.lightkiln
         Object.assign(state, { left: 'hybrid', divider: 1 })
@@ -89,11 +98,17 @@ for (const { name } of bakedFiles) {
         const { gl, canvas } = renderer
         const pixels = new Uint8Array(4 * canvas.width * canvas.height)
         gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels)
-        return [...pixels]
+        let text = ''
+        for (let i = 0; i < pixels.length; i += 32768) text += String.fromCharCode(...pixels.subarray(i, i + 32768))
+        return btoa(text)
       })
+      const triangles = await page.evaluate(() => globalThis.lightkiln.model.indices.length / 3)
       await page.close()
-      assertShows(pixels, 255)
+      assertShows(Buffer.from(pixels, 'base64'), 255)
       assert.deepEqual(complaints, [])
+      const mib = (bytes) => (bytes / 2 ** 20).toFixed(1)
+      const seconds = (ms) => (ms / 1000).toFixed(2)
+      t.diagnostic(`| ${name} | ${triangles} | ${mib(length)} | ${mib(await bytesOf(url))} | ${seconds(served - began)} | ${seconds(opened - served)} |`)
     } finally {
       server.kill()
     }
