@@ -163,7 +163,8 @@ void main() {
         }
         shown *= shade;
     } else if (overlay == 4) {
-        shown = vec3(0.22) * shade;
+        // Between the points nothing is known: as bright as they are, so that theirs are the colors that are seen.
+        shown = vec3(0.62) * shade;
     }
     color = vec4(encoded(shown), 1.0);
 }
@@ -209,8 +210,11 @@ uniform float pixels;
 uniform float spacing;
 uniform float limit;
 out float vError;
+out float vShade;
 void main() {
     vError = position.w / limit;
+    // Form without hiding what the colors say.
+    vShade = 0.72 + 0.28 * abs(dot(normalize(normal.xyz), normalize(eye - position.xyz)));
     gl_Position = clipFromWorld * vec4(position.xyz, 1.0);
     gl_PointSize = clamp(spacing * pixels / gl_Position.w, 1.5, 64.0);
     // Toward the eye by half of its width, so that a disc is not cut by the surface that it lies on.
@@ -222,11 +226,12 @@ void main() {
 
 const ERROR_FRAGMENT = `${HEAD}${SHARED}
 in float vError;
+in float vShade;
 out vec4 color;
 void main() {
     vec2 from = gl_PointCoord - 0.5;
     if (dot(from, from) > 0.25) discard;
-    color = vec4(encoded(diverging(vError)), 1.0);
+    color = vec4(encoded(diverging(vError) * vShade), 1.0);
 }
 `
 
