@@ -14,6 +14,7 @@
 #   make test-scenes SCENES_DIR=...                 opens every one of them in three.js, Babylon.js and `view`
 #   make viewer     npm ci of viewer/                make test-viewer  its tests, in headless Chromium
 #   make sheets     the picture sheets of docs/       make figures  the charts of docs/
+#   make pictures   those of the README and of docs/VIEW.md
 #   make faults     the pictures of docs/FAULTS.md
 #   make frame-times, make instructions              what light costs on a GPU
 #   make side-by-side   pictures of the CPU, three.js and Babylon.js compared
@@ -40,7 +41,7 @@ BAKED_SCENES = $(patsubst $(SCENES_DIR)/%,out/scenes/%,$(wildcard $(SCENES_DIR)/
 
 .PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets faults figures clean
 .PHONY: bake-profiles viewer test-viewer test-view test-scenes test-gpu test-gpu-web browser-deps
-.PHONY: frame-times instructions side-by-side test-build validator validate validate-scenes peers
+.PHONY: pictures frame-times instructions side-by-side test-build validator validate validate-scenes peers
 .DELETE_ON_ERROR:
 
 build:
@@ -202,6 +203,9 @@ validate-scenes: $(BAKED_SCENES) validator
 sheets: build
 	docs/sheets.sh
 	docs/light_sheets.sh
+
+pictures: build viewer
+	docs/pictures.sh "$(SCENES_DIR)"
 
 faults: build
 	docs/faults.sh

@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
-# Makes the picture sheets of docs/sheets and the picture of the README: bakes each scene at normal quality and
-# renders, side by side: reference, point sampling at vertices, least squares at vertices, classes, hybrid as
+# Makes the picture sheets of docs/sheets: bakes each scene at normal quality and renders, side by side: reference, point sampling at vertices, least squares at vertices, classes, hybrid as
 # the file shows it, and ten times its error.
 #
 #   docs/sheets.sh [FOLDER WITH REAL SCENES]
@@ -37,8 +36,3 @@ antique_camera -40,15 1
 lamborghini_huracan 35,20 1
 dream_apartment 35,50 1.2
 SCENES
-
-if [ -f "$work/toy_car.glb" ]; then
-  "$lightkiln" render "$work/toy_car.glb" -o docs/readme.png --quiet --size 480 --rays 1024 --view 35,22 \
-    --zoom 2.5 --target=0,0.008,0 --mode reference,point,light
-fi
