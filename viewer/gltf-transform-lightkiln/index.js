@@ -56,6 +56,9 @@ export class LightkilnLightmap extends Extension {
     const { json } = context.jsonDoc
     const lightmap = readExtension(json)
     if (lightmap === null) return this
+    if (lightmap.root.profile === 'texcoord') {
+      throw new Error(`${EXTENSION}: light of the profile texcoord is not for this reader: tools that quantize texture coordinates break it`)
+    }
 
     const images = []
     const imageOf = (texture) => {

@@ -21,6 +21,8 @@ export const TABLE_WIDTH = 256
 export const SUBTEXELS = 8
 /** At and below this share of texture-vertices the atlas is not read. */
 export const ETA_EPSILON = 1 / 65536
+/** In the profile texcoord, a second number at or above this: a color-vertex. */
+export const INTEROP_COLOR = 2
 /** The logarithmic curve bends at white divided by this. */
 export const CURVE_KNEE = 15
 /** The base of the logarithmic curve. */

@@ -20,17 +20,20 @@ const PLAIN = ['stock', 'lightmap']
 export function readExtension(json) {
   const root = json.extensions?.[EXTENSION]
   if (root === undefined || PLAIN.includes(root.profile)) return null
-  if ((root.profile ?? 'eta') !== 'eta') fail(`light of the profile ${root.profile} is not for this reader`)
+  const { profile = 'eta' } = root
+  if (profile !== 'eta' && profile !== 'texcoord') fail(`light of the profile ${profile} is not for this reader`)
   if (root.version !== VERSION) fail(`version ${root.version} is not ${VERSION}; bake the file again`)
   if ((root.subtexels ?? SUBTEXELS) !== SUBTEXELS) fail(`${root.subtexels} steps per texel are not ${SUBTEXELS}`)
   if (!Array.isArray(root.layers)) fail('no layers')
   const pageSize = root.pageSize ?? [0, 0]
-  return { pageSize, layers: root.layers.map((layer, index) => readLayer(json, layer, index)), root }
+  return { pageSize, layers: root.layers.map((layer, index) => readLayer(json, layer, index, profile === 'texcoord' ? pageSize : null)), root }
 }
 
-function readLayer(json, layer, index) {
-  const { signal, attribute, channels = 1, curve = 'linear', range = [0, 1], codes = 'packed', pages = [] } = layer
+/** `interop`: the size of a page where layers name no attribute, for it is another one in each primitive; else null. */
+function readLayer(json, layer, index, interop) {
+  const { signal, channels = 1, curve = 'linear', range = [0, 1], codes = 'packed', pages = [] } = layer
   const at = `layers[${index}]`
+  const attribute = interop === null ? layer.attribute : index === 0 ? '_LIGHTUV' : `_LIGHTUV_${index}`
   if (typeof attribute !== 'string') fail(`${at} names no attribute`)
   if (!(channels >= 1 && channels <= 3)) fail(`${at} has ${channels} channels, not 1 to 3`)
   if (curve !== 'linear' && curve !== 'log') fail(`${at} has an unknown curve "${curve}"`)
@@ -44,7 +47,8 @@ function readLayer(json, layer, index) {
   const form = codes === 'table' ? 'table' : channels === 1 ? 'scalar' : 'rgb'
   const scale = scaleOf({ curve, range, white: layer.white })
   const table = codes === 'table' ? layer.table : null
-  return { index, signal, attribute, channels, form, scale, clamp, pages, table, info: layer }
+  const stack = interop === null ? null : [Math.max(interop[0], 1), Math.max(interop[1] * pages.length, 1)]
+  return { index, signal, attribute, channels, form, stack, scale, clamp, pages, table, info: layer }
 }
 
 /** The extension's object of a primitive, or null. */

@@ -5,7 +5,7 @@
 // layer has no pages or no table.
 
 import {
-  COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, RGB_SHIFTS, RGB_STEPS, SH_AXIS, SH_CONSTANT, SH_DIFFERENCE,
+  COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, INTEROP_COLOR, RGB_SHIFTS, RGB_STEPS, SH_AXIS, SH_CONSTANT, SH_DIFFERENCE,
   SH_LINEAR, SH_PRODUCT, SUBTEXELS, TABLE_WIDTH,
 } from './constants.js'
 
@@ -19,7 +19,7 @@ export const attributeName = ({ attribute }) => attribute.toLowerCase()
 /** What tells the programs of two lights apart. */
 export function shaderKey(layers, view) {
   const parts = layers.map((layer) =>
-    [layer.index, attributeName(layer), layer.channels, layer.form, layer.role, layer.atlas === null ? 0 : 1, layer.clamp ?? ''].join(','))
+    [layer.index, attributeName(layer), layer.channels, layer.form, layer.role, layer.atlas === null ? 0 : 1, layer.clamp ?? '', layer.stack ?? ''].join(','))
   return `lightkiln:${parts.join(';')}:${view?.index ?? ''}`
 }
 
@@ -32,6 +32,9 @@ ${layer.form === 'table' ? `uniform highp sampler2D lightkilnTable${layer.index}
   return `
 varying highp vec3 vLightkilnPlace; // UV in texels, and eta
 ${attributes.join('')}
+highp vec2 lightkilnInterop(vec2 pair, vec2 color, vec2 stack) {
+  return pair.y >= ${float(INTEROP_COLOR)} ? color : pair * stack * ${float(SUBTEXELS)};
+}
 int lightkilnBits(vec2 code) {
   return ((int(code.y) - ${COLOR_FLAG}) << 16) | int(code.x);
 }
@@ -50,9 +53,10 @@ highp vec3 lightkilnEntry(highp sampler2D table, vec2 code) {
 
 /** Statements of the vertex stage. All layers of a file share the places of their texture-vertices: one serves them all. */
 export function vertexMain(layers) {
-  const first = attributeName(layers[0])
+  const code = (layer) => `lightkilnCode${layer.index}`
+  const first = code(layers[0])
   const colors = layers.map((layer) => {
-    const name = attributeName(layer)
+    const name = code(layer)
     const colorOf = {
       scalar: `lightkilnScalar(${name})`,
       rgb: `lightkilnRgb(${name})`,
@@ -62,10 +66,20 @@ export function vertexMain(layers) {
   vLightkilnColor${layer.index} = ${typeOf(layer)}(0.0);
   if (lightkilnIsColor) vLightkilnColor${layer.index} = ${colorOf[layer.form]};`
   })
-  return `
+  return `${layers.map((layer) => `
+  vec2 ${code(layer)} = ${codeOf(layer)};`).join('')}
   bool lightkilnIsColor = ${first}.y >= ${float(COLOR_FLAG)};
   vLightkilnPlace = lightkilnIsColor ? vec3(0.0) : vec3(${first} / ${float(SUBTEXELS)}, 1.0);
 ${colors.join('')}`
+}
+
+/** The code of a vertex; in the profile texcoord from a pair of floats (shaders/lightkiln.vert.glsl, `lightkilnVertexInterop`). */
+function codeOf(layer) {
+  const name = attributeName(layer)
+  if (layer.stack === null || layer.stack === undefined) return name
+  const color = layer.form === 'scalar' ? `vec2(${name}.x * ${float(COLOR_STEPS)}, ${float(COLOR_FLAG)})`
+    : `vec2(${name}.x, ${name}.y - ${float(INTEROP_COLOR)} + ${float(COLOR_FLAG)})`
+  return `lightkilnInterop(${name}, ${color}, vec2(${layer.stack.map(float).join(', ')}))`
 }
 
 /** Declarations of the fragment stage. */

@@ -8,6 +8,7 @@ export const LOW_BITS: number
 export const TABLE_WIDTH: number
 export const SUBTEXELS: number
 export const ETA_EPSILON: number
+export const INTEROP_COLOR: number
 export const CURVE_KNEE: number
 export const CURVE_BASE: number
 export const SH_CONSTANT: number
@@ -41,10 +42,15 @@ export interface Layer {
   index: number
   /** `ambientOcclusion`, `irradiance`, `shadow`, ... */
   signal: string
-  /** The vertex attribute with the codes. */
+  /** The vertex attribute with the codes; in the profile texcoord the one that `prepare` makes of texture coordinates. */
   attribute: string
   channels: 1 | 2 | 3
   form: Form
+  /**
+   * In the profile texcoord, where vertices carry pairs of floats, the width and the rows of all pages in texels, at least 1; null where they
+   * carry codes.
+   */
+  stack: [number, number] | null
   scale: Scale
   /** What the signal's values are clamped to after interpolation; null where they need none. */
   clamp: [number, number] | null

@@ -9,7 +9,7 @@ import { MeshoptEncoder } from 'meshoptimizer'
 import { bakedFiles, baked, withAllForms } from './baked.mjs'
 import { floats, startBrowser } from './browser.mjs'
 import { addTexture, readGlb, writeGlb } from './glb.mjs'
-import { rgbCode, scalarCode, square } from './layers.mjs'
+import { asTexcoord, rgbCode, scalarCode, square } from './layers.mjs'
 import { VIEWS, cameraFor, compare, visible } from './raster.mjs'
 import { io, readScene } from './scene.mjs'
 
@@ -39,10 +39,11 @@ const near = (a, b, tolerance = 1.01 * STEP) =>
 /** Babylon's way from light to the screen. */
 const shown = (linear) => linear.map((x) => Math.min(x, 1) ** (1 / 2.2))
 
-async function assertStoredLight(file, t, name) {
+/** `shown`: the same light in another form. */
+async function assertStoredLight(file, t, name, shown = file) {
   const scene = await readScene(file)
   const roles = Object.fromEntries(scene.layers.map(({ signal }) => [signal, 'value']))
-  assert.ok((await load(file, { roles })).lit)
+  assert.ok((await load(shown, { roles })).lit)
   let [worst, total] = [0, 0]
   for (const toward of VIEWS) {
     const camera = cameraFor(scene.triangles, toward)
@@ -63,6 +64,13 @@ async function assertStoredLight(file, t, name) {
 for (const { name, bytes } of bakedFiles) {
   test(`stored light of ${name} is what the decoder says`, async (t) => {
     await assertStoredLight(await withAllForms(bytes), t, name)
+  })
+}
+
+for (const name of ['contact', 'instances']) {
+  test(`stored light of ${name} in the profile texcoord is what the decoder says`, async (t) => {
+    const bytes = await withAllForms(baked(name))
+    await assertStoredLight(bytes, t, `texcoord of ${name}`, asTexcoord(bytes))
   })
 }
 

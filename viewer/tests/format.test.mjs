@@ -15,7 +15,7 @@ const place = (u, v) => [u * 8, v * 8]
 
 test('constants are those of crates/encode', () => {
   const source = readFileSync(new URL('../../crates/encode/src/constants.rs', import.meta.url), 'utf8')
-  const names = ['COLOR_FLAG', 'COLOR_STEPS', 'RGB_STEPS', 'RGB_SHIFTS', 'LOW_BITS', 'TABLE_WIDTH', 'ETA_EPSILON', 'CURVE_KNEE',
+  const names = ['COLOR_FLAG', 'COLOR_STEPS', 'RGB_STEPS', 'RGB_SHIFTS', 'LOW_BITS', 'TABLE_WIDTH', 'ETA_EPSILON', 'INTEROP_COLOR', 'CURVE_KNEE',
     'CURVE_BASE', 'SH_CONSTANT', 'SH_LINEAR', 'SH_PRODUCT', 'SH_AXIS', 'SH_DIFFERENCE']
   for (const name of names) {
     const [, text] = source.match(new RegExp(`pub const ${name}: [^=]+= ([^;]+);`)) ?? []
@@ -144,10 +144,13 @@ test('extension of an unknown kind is refused with a reason', () => {
   assert.equal(readExtension(file({ version: 2, layers: [layer] })).layers[0].form, 'scalar')
   // Materials show the light of these.
   for (const profile of ['stock', 'lightmap']) assert.equal(readExtension(file({ version: 2, profile, layers: [{}] })), null)
+  // Texture coordinates, whose number each primitive names.
+  const pairs = readExtension(file({ version: 2, profile: 'texcoord', pageSize: [8, 4], layers: [1, 3].map((channels) => ({ ...layer, attribute: undefined, channels })) }))
+  assert.deepEqual(pairs.layers.map(({ attribute, stack }) => [attribute, stack]), [['_LIGHTUV', [8, 4]], ['_LIGHTUV_1', [8, 4]]])
   const cases = [
     [{ version: 1 }, /version 1/],
     [{ version: 2 }, /no layers/],
-    [{ version: 2, profile: 'texcoord', layers: [layer] }, /profile texcoord/],
+    [{ version: 2, profile: 'spline', layers: [layer] }, /profile spline/],
     [{ version: 2, subtexels: 4, layers: [] }, /4 steps/],
     [{ version: 2, layers: [{ ...layer, pages: [3] }] }, /texture 3/],
     [{ version: 2, layers: [{ ...layer, codes: 'table' }] }, /texture undefined/],

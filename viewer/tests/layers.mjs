@@ -1,6 +1,6 @@
 // Files with layers that a bake of one signal does not have: made from a baked file of one scalar layer.
 
-import { COLOR_FLAG, EXTENSION, RGB_SHIFTS, RGB_STEPS, isColor, readPng } from 'lightkiln-format'
+import { COLOR_FLAG, COLOR_STEPS, EXTENSION, RGB_SHIFTS, RGB_STEPS, SUBTEXELS, isColor, readPng } from 'lightkiln-format'
 import { addAccessor, addTexture, imageBytes, readGlb, readShorts, writeGlb, writePng } from './glb.mjs'
 
 const primitivesOf = (json) => (json.meshes ?? []).flatMap(({ primitives }) => primitives)
@@ -12,6 +12,37 @@ export const rgbCode = (rgb) =>
   colorCode(rgb.reduce((bits, x, c) => bits | (Math.round(Math.min(Math.max(x, 0), 1) * RGB_STEPS[c]) << RGB_SHIFTS[c]), 0))
 
 export const scalarCode = (value) => [Math.round(value * 65535), COLOR_FLAG]
+
+/** The same light in the profile texcoord: pairs of floats in the next sets of texture coordinates, as docs/FORMAT.md has them. */
+export function asTexcoord(bytes) {
+  const file = readGlb(bytes)
+  const root = file.json.extensions[EXTENSION]
+  root.profile = 'texcoord'
+  const [width, height] = root.pageSize ?? [1, 1]
+  const pairOf = ({ channels = 1, codes = 'packed', pages }) => ([x, y]) => {
+    if (!isColor([x, y])) return [x / SUBTEXELS / width, y / SUBTEXELS / (height * pages.length)]
+    return codes === 'packed' && channels === 1 ? [x / COLOR_STEPS, 2] : [x, 2 + y - COLOR_FLAG]
+  }
+  const made = new Map()
+  for (const { attributes, extensions } of primitivesOf(file.json)) {
+    const light = extensions?.[EXTENSION]
+    if (light === undefined) continue
+    let next = Object.keys(attributes).filter((name) => name.startsWith('TEXCOORD_')).length
+    light.attributes = light.attributes.map((name, k) => {
+      const key = `${attributes[name]} ${k}`
+      if (!made.has(key)) {
+        const codes = readShorts(file, attributes[name])
+        const pairs = Array.from({ length: codes.length / 2 }, (_, i) => pairOf(root.layers[k])(codes.subarray(2 * i, 2 * i + 2)))
+        made.set(key, addAccessor(file, Float32Array.from(pairs.flat()), 'VEC2'))
+      }
+      delete attributes[name]
+      attributes[`TEXCOORD_${next}`] = made.get(key)
+      return `TEXCOORD_${next++}`
+    })
+  }
+  for (const layer of root.layers) delete layer.attribute
+  return writeGlb(file)
+}
 
 /**
  * Adds a layer that is a function of the first, which must be scalar.

@@ -3,9 +3,9 @@
 
 import assert from 'node:assert/strict'
 import { after, before, test } from 'node:test'
-import { bakedFiles, withAllForms } from './baked.mjs'
+import { baked, bakedFiles, withAllForms } from './baked.mjs'
 import { floats, startBrowser } from './browser.mjs'
-import { rgbCode, scalarCode, square } from './layers.mjs'
+import { asTexcoord, rgbCode, scalarCode, square } from './layers.mjs'
 import { VIEWS, cameraFor, compare, visible } from './raster.mjs'
 import { readScene } from './scene.mjs'
 
@@ -47,13 +47,14 @@ for (const [backend, className] of [['webgl', 'WebGLBackend'], ['webgpu', 'WebGP
     return there
   }
 
-  for (const { name, bytes } of bakedFiles) {
+  const forms = ['contact', 'instances'].map((name) => ({ name: `${name} in the profile texcoord`, bytes: baked(name), form: asTexcoord }))
+  for (const { name, bytes, form = (file) => file } of [...bakedFiles, ...forms]) {
     test(`${backend}: stored light of ${name} is what the decoder says`, async (t) => {
       if (!(await isThere(t))) return
       const file = await withAllForms(bytes)
       const scene = await readScene(file)
       const roles = Object.fromEntries(scene.layers.map(({ signal }) => [signal, 'value']))
-      assert.ok((await load(file, { roles })).lit)
+      assert.ok((await load(form(file), { roles })).lit)
       let [worst, total] = [0, 0]
       const camera = cameraFor(scene.triangles, VIEWS[0])
       const clear = visible(scene.triangles, camera)

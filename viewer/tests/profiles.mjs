@@ -10,7 +10,7 @@ import { io } from './scene.mjs'
 
 const FOLDER = process.env.LIGHTKILN_PROFILES ?? fileURLToPath(new URL('../../out/profiles', import.meta.url))
 
-const PROFILES = ['eta', 'stock', 'lightmap']
+const PROFILES = ['eta', 'stock', 'texcoord', 'lightmap']
 const named = (name, profile) => new Uint8Array(readFileSync(join(FOLDER, `${name}.${profile}.glb`)))
 
 /** Scenes baked in all of these profiles, by `make bake-profiles`. */

@@ -13,6 +13,7 @@ import { promisify } from 'node:util'
 import { floats, startBrowser } from './browser.mjs'
 import { profileFiles, readOcclusion } from './profiles.mjs'
 import { VIEWS, cameraFor, compare, visible } from './raster.mjs'
+import { readScene } from './scene.mjs'
 
 const STEP = 1 / 255
 const BIN = fileURLToPath(new URL('../node_modules/.bin', import.meta.url))
@@ -128,6 +129,24 @@ for (const { name, ...files } of profileFiles) {
   test(`our plugin leaves stock of ${name} to its materials`, async (t) => {
     await assertShown('three', files.stock, t, `stock of ${name}, plugin registered`, true)
     await assertShown('babylon', files.stock, t, `stock of ${name}, plugin registered`, true)
+  })
+
+  test(`texcoord of ${name} shows what eta shows`, async (t) => {
+    const { triangles, layers: [layer] } = await readScene(files.eta)
+    for (const [engine, { page, ...rest }] of [['three', three], ['babylon', babylon]]) {
+      browser.files.set('file.glb', files.texcoord)
+      assert.ok((await page.evaluate(() => tests.load('/files/file.glb'))).lit)
+      await page.evaluate((signal) => tests.view(signal), layer.signal)
+      for (const toward of VIEWS) {
+        const camera = cameraFor(triangles, toward)
+        const shown = floats(await page.evaluate((camera) => tests.pixels(camera), camera))
+        const { largest, over, compared } = compare(visible(triangles, camera), layer, shown, STEP)
+        assert.ok(compared > 1000, `only ${compared} pixels to compare`)
+        assert.equal(over, 0, `${engine}: ${over} of ${compared} pixels are off, by up to ${largest}`)
+        t.diagnostic(`texcoord of ${name} in ${engine}: ${compared} pixels, off by ${largest.toFixed(5)} at most`)
+      }
+      quiet(rest)
+    }
   })
 
   test(`stock and lightmap of ${name} look like eta`, async (t) => {

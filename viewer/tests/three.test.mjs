@@ -7,7 +7,7 @@ import { EXTENSION } from 'lightkiln-format'
 import { bakedFiles, baked, withAllForms } from './baked.mjs'
 import { floats, startBrowser } from './browser.mjs'
 import { addTexture, imageBytes, readGlb, writeGlb } from './glb.mjs'
-import { rgbCode, scalarCode, square } from './layers.mjs'
+import { asTexcoord, rgbCode, scalarCode, square } from './layers.mjs'
 import { VIEWS, cameraFor, compare, visible } from './raster.mjs'
 import { readScene } from './scene.mjs'
 
@@ -36,27 +36,38 @@ const quiet = () => assert.deepEqual(complaints.splice(0), [])
 const near = (a, b, tolerance = 1e-5) =>
   a.forEach((x, k) => assert.ok(Math.abs(x - b[k]) <= tolerance * Math.max(1, Math.abs(b[k])), `${a} are not ${b}`))
 
+/** `shown`: the same light in another form. */
+async function assertStoredLight(file, t, name, shown = file) {
+  const scene = await readScene(file)
+  const roles = Object.fromEntries(scene.layers.map(({ signal }) => [signal, 'value']))
+  assert.ok((await load(shown, { roles })).lit)
+  let [worst, total] = [0, 0]
+  for (const toward of VIEWS) {
+    const camera = cameraFor(scene.triangles, toward)
+    const clear = visible(scene.triangles, camera)
+    for (const layer of scene.layers) {
+      await view(layer.signal)
+      const { largest, over, compared } = compare(clear, layer, await pixels(camera), STEP)
+      assert.ok(compared > 1000, `only ${compared} pixels to compare`)
+      assert.equal(over, 0, `${layer.signal}: ${over} of ${compared} pixels are off, by up to ${largest}`)
+      worst = Math.max(worst, largest)
+      total += compared
+    }
+  }
+  t.diagnostic(`${name}: ${total} pixels of ${scene.layers.length} layers, off by ${worst.toFixed(5)} at most`)
+  quiet()
+}
+
+for (const name of ['contact', 'instances']) {
+  test(`stored light of ${name} in the profile texcoord is what the decoder says`, async (t) => {
+    const bytes = await withAllForms(baked(name))
+    await assertStoredLight(bytes, t, `texcoord of ${name}`, asTexcoord(bytes))
+  })
+}
+
 for (const { name, bytes } of bakedFiles) {
   test(`stored light of ${name} is what the decoder says`, async (t) => {
-    const file = await withAllForms(bytes)
-    const scene = await readScene(file)
-    const roles = Object.fromEntries(scene.layers.map(({ signal }) => [signal, 'value']))
-    assert.ok((await load(file, { roles })).lit)
-    let [worst, total] = [0, 0]
-    for (const toward of VIEWS) {
-      const camera = cameraFor(scene.triangles, toward)
-      const clear = visible(scene.triangles, camera)
-      for (const layer of scene.layers) {
-        await view(layer.signal)
-        const { largest, over, compared } = compare(clear, layer, await pixels(camera), STEP)
-        assert.ok(compared > 1000, `only ${compared} pixels to compare`)
-        assert.equal(over, 0, `${layer.signal}: ${over} of ${compared} pixels are off, by up to ${largest}`)
-        worst = Math.max(worst, largest)
-        total += compared
-      }
-    }
-    t.diagnostic(`${name}: ${total} pixels of ${scene.layers.length} layers, off by ${worst.toFixed(5)} at most`)
-    quiet()
+    await assertStoredLight(await withAllForms(bytes), t, name)
   })
 
   test(`${name} is shown without a complaint`, async () => {

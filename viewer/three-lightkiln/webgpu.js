@@ -7,10 +7,10 @@ import {
 } from 'three/webgpu'
 import {
   Fn, If, attribute, clamp, float, floor, int, ivec2, materialAO, mix, normalWorld, pow, reference, select, sign, texture,
-  textureLoad, uint, uniform, varying, vec2, vec3, vec4,
+  textureLoad, uint, uniform, uvec2, varying, vec2, vec3, vec4,
 } from 'three/tsl'
 import {
-  COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, RGB_SHIFTS, RGB_STEPS, SH_AXIS,
+  COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, INTEROP_COLOR, RGB_SHIFTS, RGB_STEPS, SH_AXIS,
   SH_CONSTANT, SH_DIFFERENCE, SH_LINEAR, SH_PRODUCT, SUBTEXELS, TABLE_WIDTH, attributeName, harmonic,
 } from 'lightkiln-format'
 
@@ -22,10 +22,9 @@ const CLASSES = {
 
 /** A layer as a node: three numbers as stored in 0..1, gray for scalar layers. */
 export function storedLight(layer) {
-  const code = attribute(attributeName(layer), 'uvec2')
-  const isColor = code.y.greaterThanEqual(uint(COLOR_FLAG))
-  const place = varying(select(isColor, vec3(0), vec3(vec2(code).div(SUBTEXELS), 1)))
-  const color = varying(select(isColor, colorOf(layer, code), vec3(0)))
+  const { isColor, texel: at, color: own } = layer.stack ? pairOf(layer) : codeOf(layer)
+  const place = varying(select(isColor, vec3(0), vec3(at, 1)))
+  const color = varying(select(isColor, own, vec3(0)))
   if (layer.atlas === null) return color
   return Fn(() => {
     const unit = color.toVar()
@@ -40,6 +39,22 @@ export function storedLight(layer) {
     })
     return unit
   })()
+}
+
+/** What a vertex stores, as an integer code. */
+function codeOf(layer) {
+  const code = attribute(attributeName(layer), 'uvec2')
+  return { isColor: code.y.greaterThanEqual(uint(COLOR_FLAG)), texel: vec2(code).div(SUBTEXELS), color: colorOf(layer, code) }
+}
+
+/** The same in the profile texcoord: a pair of floats. */
+function pairOf(layer) {
+  const pair = attribute(attributeName(layer), 'vec2')
+  const isColor = pair.y.greaterThanEqual(INTEROP_COLOR)
+  // What is no color must not become an integer.
+  const bits = select(isColor, vec2(pair.x, pair.y.sub(INTEROP_COLOR)), vec2(0))
+  const code = uvec2(uint(bits.x), uint(bits.y).add(uint(COLOR_FLAG)))
+  return { isColor, texel: pair.mul(vec2(...layer.stack)), color: layer.form === 'scalar' ? vec3(pair.x) : colorOf(layer, code) }
 }
 
 function colorOf({ form, channels, palette }, code) {
