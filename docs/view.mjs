@@ -15,7 +15,7 @@ if (folder === undefined) {
 
 /** What is chosen on the page, and what the pointer is over, in pixels. */
 const SHOTS = {
-  'view.png': { state: { materials: false, divider: 0.53 }, closer: 2.1, pointer: [480, 462] },
+  'view.png': { state: { materials: false, divider: 0.53 }, closer: 2.1, pointer: [512, 492] },
   'view_overlay.png': { state: { overlay: 'classes', divider: 1 }, closer: 2.1 },
 }
 
