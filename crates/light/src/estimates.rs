@@ -37,7 +37,7 @@ const INSIDE: f32 = 0.7;
 
 /// Running estimates of many points: flat arrays, points x channels.
 ///
-/// Memory: `8 channels + 3` bytes a point.
+/// Memory: `8 channels + 3` bytes a point; `4 channels` more in halves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimates {
     /// Numbers a point.
@@ -45,6 +45,8 @@ pub struct Estimates {
     mean: Vec<f32>,
     /// Sum of squared differences of the batches from their mean.
     m2: Vec<f32>,
+    /// Mean of every second batch from the first on; empty where nobody asks for halves.
+    even: Vec<f32>,
     batches: Vec<u16>,
     /// Share of backs seen first, in 255ths.
     backs: Vec<u8>,
@@ -68,11 +70,18 @@ impl Estimates {
             channels,
             mean: vec![0.0; points * channels],
             m2: vec![0.0; points * channels],
+            even: Vec::new(),
             batches: vec![0; points],
             backs: vec![0; points],
             rays_per_batch: 0,
             spreads: vec![Expected::Rays { low: 0.0, high: 1.0, rays: 0 }; channels],
         }
+    }
+
+    /// The same, which keep apart what even and odd batches bring: for filters that are judged by how much their results
+    /// from two halves differ.
+    pub fn in_halves(points: usize, channels: usize) -> Self {
+        Self { even: vec![0.0; points * channels], ..Self::new(points, channels) }
     }
 
     /// Adds batches until point `i` has `wanted[i]` of them; points that have more keep them.
@@ -91,18 +100,22 @@ impl Estimates {
         if channels == 0 {
             return;
         }
+        let mut even: Vec<&mut [f32]> = self.even.chunks_mut(CHUNK * channels).collect();
+        even.resize_with(count.div_ceil(CHUNK), Default::default);
         self.mean
             .par_chunks_mut(CHUNK * channels)
             .zip(self.m2.par_chunks_mut(CHUNK * channels))
             .zip(self.batches.par_chunks_mut(CHUNK).zip(self.backs.par_chunks_mut(CHUNK)))
+            .zip(even)
             .enumerate()
             .for_each_init(
                 || vec![0.0; channels],
-                |values, (chunk, ((mean, m2), (batches, backs)))| {
+                |values, (chunk, (((mean, m2), (batches, backs)), even))| {
                     for (i, (batches, back)) in batches.iter_mut().zip(backs).enumerate() {
                         let point = chunk * CHUNK + i;
                         let own = i * channels..(i + 1) * channels;
-                        let (mean, m2) = (&mut mean[own.clone()], &mut m2[own]);
+                        let (mean, m2) = (&mut mean[own.clone()], &mut m2[own.clone()]);
+                        let mut even = even.get_mut(own);
                         while *batches < wanted[point] {
                             let share = signal.batch(points[point], keys[point], u32::from(*batches), values);
                             if *batches == 0 {
@@ -110,6 +123,9 @@ impl Estimates {
                             }
                             *batches += 1;
                             add(mean, m2, values, *batches);
+                            if let Some(even) = even.as_mut().filter(|_| *batches % 2 == 1) {
+                                add_to_mean(even, values, batches.div_ceil(2));
+                            }
                         }
                     }
                 },
@@ -169,6 +185,7 @@ impl Estimates {
         let mut out = Self {
             rays_per_batch: self.rays_per_batch,
             spreads: self.spreads.clone(),
+            even: vec![0.0; if self.even.is_empty() { 0 } else { from.len() * self.channels }],
             ..Self::new(from.len(), self.channels)
         };
         for (to, from) in from.iter().enumerate() {
@@ -177,7 +194,10 @@ impl Estimates {
             let (to_row, from_row) =
                 (to * channels..(to + 1) * channels, from * channels..(from + 1) * channels);
             out.mean[to_row.clone()].copy_from_slice(&self.mean[from_row.clone()]);
-            out.m2[to_row].copy_from_slice(&self.m2[from_row]);
+            out.m2[to_row.clone()].copy_from_slice(&self.m2[from_row.clone()]);
+            if !self.even.is_empty() {
+                out.even[to_row].copy_from_slice(&self.even[from_row]);
+            }
             out.batches[to] = self.batches[from];
             out.backs[to] = self.backs[from];
         }
@@ -203,6 +223,21 @@ impl Estimates {
     /// All values, points x channels.
     pub fn means(&self) -> &[f32] {
         &self.mean
+    }
+
+    /// The means of even and of odd batches, points x channels each: their noise is independent. A point with one batch has
+    /// it twice. `None` of estimates that are not kept [`Self::in_halves`].
+    pub fn halves(&self) -> Option<[Vec<f32>; 2]> {
+        if self.even.is_empty() && !self.mean.is_empty() {
+            return None;
+        }
+        let odd = |(at, (&mean, &even)): (usize, (&f32, &f32))| {
+            let batches = self.batches[at / self.channels];
+            let of_odd = f32::from(batches / 2);
+            if batches < 2 { mean } else { mean + (mean - even) * f32::from(batches.div_ceil(2)) / of_odd }
+        };
+        let odd = self.mean.iter().zip(&self.even).enumerate().map(odd).collect();
+        Some([self.even.clone(), odd])
     }
 
     /// Variance of a point's value around the truth; infinite before the first batch.
@@ -278,10 +313,77 @@ impl Estimates {
     }
 }
 
+fn add_to_mean(mean: &mut [f32], values: &[f32], batches: u16) {
+    for (mean, &value) in mean.iter_mut().zip(values) {
+        *mean += (value - *mean) / f32::from(batches);
+    }
+}
+
 fn add(mean: &mut [f32], m2: &mut [f32], values: &[f32], batches: u16) {
     for ((mean, m2), &value) in mean.iter_mut().zip(m2).zip(values) {
         let before = value - *mean;
         *mean += before / f32::from(batches);
         *m2 += before * (value - *mean);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use lightkiln_mesh::TriangleId;
+
+    use super::*;
+    use crate::Layer;
+
+    /// Batch `k` brings `key + k`.
+    struct Counting([Layer; 1]);
+
+    impl Signal for Counting {
+        fn layers(&self) -> &[Layer] {
+            &self.0
+        }
+        fn rays_per_batch(&self) -> u32 {
+            1
+        }
+        fn batch(&self, _: SurfacePoint, key: u64, batch: u32, out: &mut [f32]) -> f32 {
+            out.fill(key as f32 + batch as f32);
+            0.0
+        }
+    }
+
+    #[test]
+    fn halves_are_the_means_of_even_and_odd_batches_and_change_nothing_else() {
+        let signal = Counting([Layer { domain: Domain::Hdr, channels: 3, ..Layer::scalar("light") }]);
+        let points = vec![SurfacePoint { triangle: TriangleId(0), barycentric: [0.2, 0.2] }; 150];
+        let keys: Vec<u64> = (0..150).collect();
+        let wanted: Vec<u16> = (0..150).map(|i| i % 7).collect();
+        let mut halved = Estimates::in_halves(150, 3);
+        let some: Vec<u16> = wanted.iter().map(|w| w / 2).collect();
+        halved.refine(&signal, &points, &keys, &some);
+        halved.refine(&signal, &points, &keys, &wanted);
+        let mut whole = Estimates::new(150, 3);
+        whole.refine(&signal, &points, &keys, &wanted);
+        assert_eq!(whole.halves(), None);
+        assert_eq!(Estimates { even: Vec::new(), ..halved.clone() }, whole);
+        let order: Vec<Option<u32>> = (0..150).rev().map(Some).collect();
+        for (estimates, at) in
+            [(halved.clone(), (|i| i) as fn(usize) -> usize), (halved.rearranged(&order), |i| 149 - i)]
+        {
+            let [even, odd] = estimates.halves().expect("halves");
+            for i in 0..150 {
+                let batches = wanted[at(i)];
+                let mean = |first: u16| {
+                    let own: Vec<f32> = (first..batches).step_by(2).map(f32::from).collect();
+                    at(i) as f32 + own.iter().sum::<f32>() / own.len() as f32
+                };
+                let expected = match batches {
+                    0 => [0.0; 2],
+                    1 => [mean(0); 2],
+                    _ => [mean(0), mean(1)],
+                };
+                for (half, expected) in [&even, &odd].into_iter().zip(expected) {
+                    assert!((half[3 * i + 2] - expected).abs() < 1e-3, "{i}: {} {expected}", half[3 * i + 2]);
+                }
+            }
+        }
     }
 }
