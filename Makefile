@@ -5,6 +5,7 @@
 #   make test-view  `lightkiln view` and the report's page in a headless browser
 #   make browser-deps  what the tests of the next line need: Chromium and Mesa's software Vulkan, by apt-get
 #   make test-gpu   the WGSL on Vulkan against the CPU decoder    make test-gpu-web  the GLSL in headless Chromium
+#   make oidn-library  Open Image Denoise, by pip into target/oidn    make test-oidn  its tests; LIGHTKILN_OIDN names another
 #   make lint       clippy, warnings denied        make fmt   rustfmt
 #   make bench      one bench per stage            make scenes  the big scenes, into data/big
 #   make bake       bake every scene of data/ into out/; editing one scene rebuilds one
@@ -27,6 +28,9 @@ BAKE_FLAGS ?= --quality draft
 FIT = $(LIGHTKILN) fit --quiet --samples 250000 --size 400
 SEAT_VIEW = --ao-distance inf --rays 128 --zoom 3.5 --target=0,0.35,0.05
 
+# What tests are built with, all of them alike: no library is built twice. It needs cargo alone.
+FEATURES = lightkiln-cli/oidn
+
 SCENES = $(wildcard data/*.glb)
 BAKED = $(SCENES:data/%.glb=out/%.baked.glb)
 
@@ -39,7 +43,7 @@ IN_PROFILES = $(foreach s,$(PROFILED),$(PROFILES:%=out/profiles/$(s).%.glb))
 SCENES_DIR ?= ../shared/scenes
 BAKED_SCENES = $(patsubst $(SCENES_DIR)/%,out/scenes/%,$(wildcard $(SCENES_DIR)/*.glb))
 
-.PHONY: build test test-xatlas lint fmt fmt-check bench scenes bake report sheets faults figures clean
+.PHONY: build test test-xatlas test-oidn oidn-library lint fmt fmt-check bench scenes bake report sheets faults figures clean
 .PHONY: bake-profiles viewer test-viewer test-view test-scenes test-gpu test-gpu-web browser-deps
 .PHONY: pictures frame-times instructions side-by-side test-build validator validate validate-scenes peers
 .DELETE_ON_ERROR:
@@ -48,16 +52,16 @@ build:
 	$(CARGO) build --release --locked --bins
 
 test:
-	$(CARGO) test --release --locked --workspace
+	$(CARGO) test --release --locked --workspace --features $(FEATURES)
 
 # The shaders against their CPU twin: the WGSL on Vulkan, the GLSL in a browser. Mesa's llvmpipe filters textures of 8 bits
 # in 8 bits unless it is told not to.
 test-gpu:
-	GALLIVM_PERF=no_aos_sampling $(CARGO) test --release --locked --workspace --features lightkiln-gpu/vulkan \
+	GALLIVM_PERF=no_aos_sampling $(CARGO) test --release --locked --workspace --features $(FEATURES),lightkiln-gpu/vulkan \
 	  --test vulkan -- --nocapture
 
 test-gpu-web: viewer
-	$(CARGO) build --release --locked --workspace --example gpu_page
+	$(CARGO) build --release --locked --workspace --features $(FEATURES) --example gpu_page
 	@mkdir -p out
 	target/release/examples/gpu_page > out/gpu_check.html
 	node --test --test-reporter=spec tests/gpu/web.test.mjs
@@ -111,17 +115,36 @@ side-by-side: $(BESIDE) $(STOCK) build viewer
 
 # Builds what `test` runs, and the programs. Examples ask for the features that tests have: no library is built twice.
 test-build:
-	$(CARGO) test --release --locked --workspace --no-run
-	$(CARGO) build --release --locked --workspace --bins --examples
+	$(CARGO) test --release --locked --workspace --features $(FEATURES) --no-run
+	$(CARGO) build --release --locked --workspace --features $(FEATURES) --bins --examples
 
 # The optional packers of chart: they need libclang and a C++ compiler. cli and encode are named so that libraries
 # have the features that they have in `test` and are not built twice; encode's own tests run along.
 test-xatlas:
 	$(CARGO) test --release --locked -p lightkiln-chart -p lightkiln-encode -p lightkiln-cli --lib --test charts \
-	  --features lightkiln-chart/xatlas,lightkiln-chart/uvunwrap
+	  --features $(FEATURES),lightkiln-chart/xatlas,lightkiln-chart/uvunwrap
+
+# The tests that need Open Image Denoise: they say so where it is missing, and pass. All others around it are in `test`.
+OIDN_VERSION = 2.5.1
+OIDN = $(CURDIR)/target/oidn/pyoidn/oidn/lib/libOpenImageDenoise.so.2
+LIGHTKILN_OIDN ?= $(wildcard $(OIDN))
+
+test-oidn:
+	LIGHTKILN_OIDN="$(LIGHTKILN_OIDN)" $(CARGO) test --release --locked --workspace --features $(FEATURES) \
+	  --lib --test honesty --test denoisers -- --nocapture oidn_errors oidn_gives oidn_filters filtered_by_oidn
+
+# The library as a Python package brings it, for Linux: 90 MB.
+oidn-library: $(OIDN)
+
+$(OIDN):
+	@mkdir -p target/oidn
+	timeout 120 python3 -m pip download --quiet --timeout 20 --retries 1 --no-deps --only-binary :all: \
+	  --dest target/oidn pyoidn==$(OIDN_VERSION).0
+	cd target/oidn && python3 -m zipfile -e pyoidn-$(OIDN_VERSION).0-*.whl . && rm pyoidn-*.whl
 
 lint:
-	$(CARGO) clippy --release --locked --workspace --all-targets -- -D warnings
+	$(CARGO) clippy --release --locked --workspace --all-targets --features $(FEATURES) -- -D warnings
+	$(CARGO) clippy --release --locked --workspace --bins --lib -- -D warnings
 
 # The viewer and the report's page in a browser: node, npm, and a Chromium (CHROMIUM names one).
 test-view: build viewer

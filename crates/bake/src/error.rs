@@ -69,6 +69,22 @@ pub enum BakeError {
         /// What the system says.
         source: std::io::Error,
     },
+    /// The denoiser that was asked for is not there.
+    #[error("{why}")]
+    NoDenoiser {
+        /// What is missing.
+        why: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// The denoiser refused its work.
+    #[error("{why}")]
+    DenoiserFailed {
+        /// What it says.
+        why: String,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// The light mesh could not be made.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -131,7 +147,9 @@ impl BakeError {
                 "choose another --signal; what --replace took out of a file cannot be verified against it"
                     .into(),
             ),
-            Self::Profile { remedy, .. } => Some((*remedy).to_owned()),
+            Self::Profile { remedy, .. }
+            | Self::NoDenoiser { remedy, .. }
+            | Self::DenoiserFailed { remedy, .. } => Some((*remedy).to_owned()),
             Self::Light(_) => {
                 Some("mend the light that is named, in the file or in the configuration".into())
             }

@@ -64,6 +64,7 @@ pub fn report(all: Everything<'_>) -> Report {
             detail: plan.radius * 2.0,
             radius: plan.radius,
             quality: plan.quality.name().to_owned(),
+            denoiser: plan.denoiser.name().to_owned(),
             ao_distance: plan.ao_distance.is_finite().then_some(plan.ao_distance),
             seed: plan.seed,
         },

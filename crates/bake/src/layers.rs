@@ -8,13 +8,12 @@
 use std::ops::Range;
 
 use glam::Vec3;
-use lightkiln_light::denoise::{Noisy, denoise};
+use lightkiln_light::denoise::Denoised;
 use lightkiln_light::harmonics::basis;
 use lightkiln_light::{Curve, Domain, Estimates, Layer, Scale, Signal};
-use lightkiln_mesh::SurfacePoint;
 use rayon::prelude::*;
 
-use crate::Surface;
+use crate::BakeError;
 use crate::harmonics::{Harmonics, JUDGED, baked, normals};
 use crate::options::{BakeBounds, CONFIDENCE};
 
@@ -86,6 +85,23 @@ pub struct Part {
     pub name: String,
     /// Which of the judged values.
     pub judged: Range<usize>,
+}
+
+/// A layer of light that is to be filtered: points x channels.
+#[derive(Clone, Copy, Debug)]
+pub struct NoisyLayer<'a> {
+    /// Shading normals of the points.
+    pub normals: &'a [Vec3],
+    /// In the unit of the light.
+    pub values: &'a [f32],
+    /// Variance of each value; infinite for points that lie inside other geometry.
+    pub variances: &'a [f32],
+    /// Values of a point.
+    pub channels: usize,
+    /// Values of even and of odd batches, where they are kept apart.
+    pub halves: Option<[&'a [f32]; 2]>,
+    /// Of harmonics beyond the first: values of the first, filtered.
+    pub first: Option<&'a [f32]>,
 }
 
 /// How far values that are clamped after interpolation may lie beyond the range of their signal, as a share of it, to
@@ -266,21 +282,19 @@ impl Layers {
         self.layers.iter().any(BakedLayer::is_light)
     }
 
-    /// The same with the noise of paths of light filtered away where neighbours allow it ([`denoise`]).
+    /// The same with the noise of paths of light filtered away.
     ///
-    /// - `points`: of the estimates
-    /// - `radius`: of the filter, in units of the mesh
+    /// - `normals`: shading normals of the points
+    /// - `filter`: filters one layer of light; they come in their order
+    ///
+    /// # Errors
+    /// Those of the filter.
     pub fn filtered_light(
         &self,
-        surface: &Surface<'_>,
-        points: &[SurfacePoint],
+        normals: Vec<Vec3>,
         estimates: &Estimates,
-        radius: f32,
-    ) -> UnitLight {
-        let normals = surface.lit_normals(points);
-        if !self.are_filtered() {
-            return self.light(normals, estimates);
-        }
+        filter: impl Fn(NoisyLayer<'_>) -> Result<Denoised, BakeError>,
+    ) -> Result<UnitLight, BakeError> {
         let raw = variances(estimates);
         let mut values = self.baked(estimates.channels, estimates.means());
         let mut all = self.baked(estimates.channels, &raw);
@@ -289,21 +303,23 @@ impl Layers {
         for point in (0..estimates.len()).filter(|&i| !estimates.valid(i)) {
             all[point * channels..][..channels].fill(f32::INFINITY);
         }
-        let positions: Vec<Vec3> = points.par_iter().map(|&p| surface.mesh.position(p)).collect();
-        for layer in self.layers.iter().filter(|l| l.is_light()) {
-            let own = |all: &[f32]| -> Vec<f32> {
-                all.chunks_exact(channels).flat_map(|row| &row[layer.channels()]).copied().collect()
-            };
-            let filtered = denoise(
-                Noisy {
-                    positions: &positions,
-                    normals: &normals,
-                    values: &own(&values),
-                    variances: &own(&all),
-                    channels: layer.layer.channels,
-                },
-                radius,
-            );
+        let halves =
+            estimates.halves().map(|halves| halves.map(|half| self.baked(estimates.channels, &half)));
+        let of = |all: &[f32], layer: &BakedLayer| -> Vec<f32> {
+            all.chunks_exact(channels).flat_map(|row| &row[layer.channels()]).copied().collect()
+        };
+        for (number, layer) in self.layers.iter().enumerate().filter(|(_, l)| l.is_light()) {
+            let mut sets = self.harmonics.iter().map(|(harmonics, _)| &harmonics.layers);
+            let first = sets.find(|set| set.contains(&number) && set.start != number);
+            let halves = halves.as_ref().map(|halves| halves.each_ref().map(|half| of(half, layer)));
+            let filtered = filter(NoisyLayer {
+                normals: &normals,
+                halves: halves.as_ref().map(|halves| halves.each_ref().map(Vec::as_slice)),
+                values: &of(&values, layer),
+                variances: &of(&all, layer),
+                channels: layer.layer.channels,
+                first: first.map(|set| of(&values, &self.layers[set.start])).as_deref(),
+            })?;
             let put = |all: &mut [f32], own: &[f32]| {
                 for (row, own) in all.chunks_exact_mut(channels).zip(own.chunks_exact(layer.layer.channels)) {
                     row[layer.channels()].copy_from_slice(own);
@@ -312,7 +328,7 @@ impl Layers {
             put(&mut values, &filtered.values);
             put(&mut all, &filtered.variances);
         }
-        self.units(normals, values, &all, &raw)
+        Ok(self.units(normals, values, &all, &raw))
     }
 
     /// Unit values of a signal's own, points x channels.
@@ -536,7 +552,7 @@ impl UnitLight {
 
 #[cfg(test)]
 mod tests {
-    use lightkiln_mesh::TriangleId;
+    use lightkiln_mesh::{SurfacePoint, TriangleId};
 
     use super::*;
 

@@ -13,6 +13,7 @@
 //! | [`scenery`] | all files that light is traced in |
 //! | [`layers`] | what stored values mean, and what an error is |
 //! | [`harmonics`] | what an error is where light is a function of the normal |
+//! | [`denoiser`], `oidn` | who takes the noise out of it |
 //! | [`shade`] | light, fit, classify: rays where a decision is open |
 //! | [`rounds`] | chart, texel, encode, check, until the bound holds |
 //! | [`borders`] | where charts meet color triangles |
@@ -30,6 +31,7 @@
 pub mod borders;
 pub mod clock;
 pub mod compare;
+pub mod denoiser;
 pub mod error;
 pub mod figures;
 pub mod file_light;
@@ -38,6 +40,8 @@ pub mod inspect;
 pub mod layers;
 pub mod lighting;
 pub mod moving;
+#[cfg(feature = "oidn")]
+mod oidn;
 pub mod options;
 pub mod output;
 mod profiles;
@@ -59,6 +63,7 @@ use lightkiln_sample::{SampleOptions, poisson_disk};
 use lightkiln_scene::Scene;
 
 pub use clock::{Clock, Progress, Silent};
+pub use denoiser::Denoiser;
 pub use error::BakeError;
 pub use file_light::FileLight;
 pub use lighting::LightOptions;
@@ -91,6 +96,7 @@ pub fn bake(
     progress: &dyn Progress,
 ) -> Result<Baked, BakeError> {
     let mut clock = Clock::new(progress);
+    options.denoiser.check()?;
     let options = &BakeOptions { light: options.light_of_profile()?, ..options.clone() };
     clock.stage("read")?;
     let scenery = Scenery::read(input, options.scene, &options.signals, &options.light)?;

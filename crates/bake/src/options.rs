@@ -5,6 +5,7 @@ use lightkiln_mesh::Mesh;
 use lightkiln_scene::{Fallback, Profile};
 
 use crate::BakeError;
+use crate::denoiser::Denoiser;
 use crate::lighting::LightOptions;
 use crate::signals::{Signals, Stage};
 use crate::surface::Surface;
@@ -127,6 +128,8 @@ pub struct BakeOptions {
     pub samples: Option<usize>,
     /// Preset for everything that costs time.
     pub quality: Quality,
+    /// What takes the noise out of light.
+    pub denoiser: Denoiser,
     /// Occluders farther away than this do not count, in units of the file; infinity is allowed. The default
     /// is [`DEFAULT_DISTANCE`] of the scene's diagonal.
     pub ao_distance: Option<f32>,
@@ -160,6 +163,7 @@ impl Default for BakeOptions {
             detail: None,
             samples: None,
             quality: Quality::Normal,
+            denoiser: Denoiser::Own,
             ao_distance: None,
             white: None,
             seed: 0,
@@ -198,6 +202,8 @@ pub struct Plan {
     pub quality: Quality,
     /// The numbers behind it.
     pub effort: Effort,
+    /// What takes the noise out of light.
+    pub denoiser: Denoiser,
     /// Diagonal of the scene's bounding box.
     pub diagonal: f32,
 }
@@ -271,6 +277,7 @@ impl Plan {
             seed: options.seed,
             quality: options.quality,
             effort,
+            denoiser: options.denoiser,
             diagonal,
         })
     }

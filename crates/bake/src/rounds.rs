@@ -342,14 +342,14 @@ fn shade_texels(
     layers: &Layers,
     texels: &[ChartTexels],
     plan: &Plan,
-    clock: &Clock<'_>,
+    clock: &mut Clock<'_>,
 ) -> Result<Vec<TexelLight>, BakeError> {
     let lifted = |t: &ChartTexels| -> Vec<(SurfacePoint, u64)> {
         t.lift.iter().zip(&t.keys).filter_map(|(lift, &key)| lift.map(|point| (point, key))).collect()
     };
     let (points, keys): (Vec<SurfacePoint>, Vec<u64>) = texels.iter().flat_map(lifted).unzip();
     let [first, most] = plan.effort.texel_batches;
-    let mut light = Estimates::new(points.len(), signal.channels());
+    let mut light = plan.denoiser.estimates_of_texels(layers, points.len(), signal.channels());
     refine(&mut light, signal, &points, &keys, &vec![first; points.len()], clock)?;
     let goal = plan.effort.texel_noise.min(plan.max_error / 3.0).powi(2);
     let wanted: Vec<u16> = (0..points.len())
@@ -360,7 +360,11 @@ fn shade_texels(
         .collect();
     refine(&mut light, signal, &points, &keys, &wanted, clock)?;
 
-    let unit = layers.filtered_light(surface, &points, &light, FILTER_RADIUS * plan.radius);
+    if layers.are_filtered() {
+        clock.stage("filter")?;
+    }
+    let radius = FILTER_RADIUS * plan.radius;
+    let unit = plan.denoiser.texels(surface, layers, texels, &points, &light, radius)?;
     let channels = layers.channels();
     let mut next = 0..points.len();
     Ok(texels

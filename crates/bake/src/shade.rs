@@ -96,7 +96,7 @@ impl Lit {
 /// Shades the samples, fits the vertices and classifies the triangles, with more rays where it matters.
 ///
 /// # Errors
-/// [`BakeError::Fit`] and [`BakeError::Cancelled`].
+/// [`BakeError::Fit`], [`BakeError::Cancelled`], and those of the denoiser.
 pub fn light_fit_classify(
     surface: &Surface<'_>,
     signal: &dyn Signal,
@@ -121,7 +121,7 @@ pub fn light_fit_classify(
     loop {
         clock.stage(if layers.are_filtered() { "filter" } else { "fit" })?;
         let radius = FILTER_RADIUS * plan.radius;
-        let light = layers.filtered_light(surface, &samples.points, &estimates, radius);
+        let light = plan.denoiser.samples(surface, &layers, &samples.points, &estimates, radius)?;
         clock.stage("fit")?;
         let values = fit_vertices(surface, &samples, &layers, &light, &weights, plan.bounds)?;
         let shown = SnapshotLight { layers: &layers, values: &values, shown: None };
@@ -187,7 +187,7 @@ const DRAFT_BATCHES: u16 = 1;
 /// watching changes nothing.
 ///
 /// # Errors
-/// [`BakeError::Sample`], [`BakeError::Fit`] and [`BakeError::Cancelled`].
+/// [`BakeError::Sample`], [`BakeError::Fit`], [`BakeError::Cancelled`], and those of the denoiser.
 pub fn draft(
     surface: &Surface<'_>,
     signal: &dyn Signal,
@@ -205,7 +205,8 @@ pub fn draft(
     refine(&mut estimates, signal, &samples.points, &samples.keys, &wanted, clock)?;
     let weights = weights(surface, &samples, &estimates);
     let layers = Layers::new(signal, &estimates, &weights, plan.white, plan.bounds);
-    let light = layers.filtered_light(surface, &samples.points, &estimates, FILTER_RADIUS * radius);
+    let reach = FILTER_RADIUS * radius;
+    let light = plan.denoiser.samples(surface, &layers, &samples.points, &estimates, reach)?;
     let values = fit_vertices(surface, &samples, &layers, &light, &weights, BakeBounds::Clamp)?;
     let light = SnapshotLight { layers: &layers, values: &values, shown: None };
     clock.show(&Snapshot { surface, plan, light: Some(light) });

@@ -9,7 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use lightkiln_bake::lighting::{AuthoredOcclusion, LightOptions};
 use lightkiln_bake::options::BakeBounds;
 use lightkiln_bake::signals::{SIGNALS, Signals};
-use lightkiln_bake::{BakeOptions, Quality};
+use lightkiln_bake::{BakeOptions, Denoiser, Quality};
 use lightkiln_scene::{Fallback, Profile};
 use serde::{Deserialize, Serialize};
 
@@ -113,6 +113,9 @@ pub struct BakeSettings {
     /// How much work to do [default: normal]
     #[arg(long, value_enum)]
     pub quality: Option<QualityName>,
+    /// What takes the noise out of light in lux [default: own]
+    #[arg(long, value_enum)]
+    pub denoiser: Option<DenoiserName>,
     /// Occluders farther away do not count, in metres, or `inf` [default: a tenth of the scene's diagonal]
     #[arg(long, value_name = "METRES")]
     pub ao_distance: Option<f32>,
@@ -196,6 +199,28 @@ impl From<QualityName> for Quality {
             QualityName::Draft => Self::Draft,
             QualityName::Normal => Self::Normal,
             QualityName::Final => Self::Final,
+        }
+    }
+}
+
+/// Names of [`Denoiser`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DenoiserName {
+    /// Lightkiln's own filter over surfaces
+    Own,
+    /// Open Image Denoise for texels: a build with the feature oidn, and its library
+    Oidn,
+    /// Nothing: the same rays, unfiltered
+    None,
+}
+
+impl From<DenoiserName> for Denoiser {
+    fn from(name: DenoiserName) -> Self {
+        match name {
+            DenoiserName::Own => Self::Own,
+            DenoiserName::Oidn => Self::Oidn,
+            DenoiserName::None => Self::None,
         }
     }
 }
@@ -342,6 +367,7 @@ impl BakeSettings {
             detail: self.detail.or(if scale_given { None } else { file.detail }),
             samples: self.samples.or(if scale_given { None } else { file.samples }),
             quality: self.quality.or(file.quality),
+            denoiser: self.denoiser.or(file.denoiser),
             ao_distance: self.ao_distance.or(file.ao_distance),
             seed: self.seed.or(file.seed),
             profile: self.profile.or(file.profile),
@@ -376,6 +402,7 @@ impl BakeSettings {
             detail: self.detail,
             samples: self.samples,
             quality: self.quality.map_or_else(Quality::default, Quality::from),
+            denoiser: self.denoiser.map_or_else(Denoiser::default, Denoiser::from),
             ao_distance: self.ao_distance,
             white: self.light.white,
             seed: self.seed.unwrap_or(defaults.seed),

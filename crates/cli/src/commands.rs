@@ -234,6 +234,7 @@ impl From<BakeError> for Failure {
             | BakeError::AllLeftOut { .. } => Exit::Usage,
             BakeError::Cancelled => Exit::Cancelled,
             BakeError::Write { .. } => Exit::Files,
+            BakeError::NoDenoiser { .. } => Exit::Unsupported,
             BakeError::Scene(scene) => match scene.kind() {
                 lightkiln_scene::ErrorKind::Files => Exit::Files,
                 lightkiln_scene::ErrorKind::Request => Exit::Usage,
@@ -251,6 +252,9 @@ impl From<BakeError> for Failure {
         };
         let place = match &error {
             BakeError::Scene(scene) => Some(scene.place().to_string()).filter(|p| !p.is_empty()),
+            BakeError::NoDenoiser { .. } | BakeError::DenoiserFailed { .. } => {
+                Some("--denoiser oidn".to_owned())
+            }
             _ => None,
         };
         if matches!(error, BakeError::Cancelled) {

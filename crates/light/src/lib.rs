@@ -21,6 +21,7 @@
 //! | `receiver`, `sources`, `emitters` | a point that light arrives at, shadow rays to what shines, triangles that do |
 //! | [`estimates`] | means and variances, refined where asked |
 //! | [`denoise`] | a joint filter for noisy light on surfaces |
+//! | `oidn` | Open Image Denoise, in builds with the feature of that name |
 //! | [`analytic`] | occlusion in closed form |
 //! | `tree`, `traverse`, `lanes` | the wide tree, its walk, and eight numbers at once |
 
@@ -37,6 +38,8 @@ pub mod inside;
 mod lanes;
 pub mod lights;
 pub mod occlusion;
+#[cfg(feature = "oidn")]
+pub mod oidn;
 pub mod origin;
 pub mod path;
 mod receiver;

@@ -393,6 +393,7 @@ fn settings(report: &Report) -> String {
     let rows = [
         pair("signal", settings.signal.clone()),
         pair("quality", settings.quality.clone()),
+        pair("denoiser", settings.denoiser.clone()),
         pair("error bound", percent(f64::from(settings.max_error))),
         pair("detail", format!("{:.5}", settings.detail)),
         pair("width of a texel", format!("{:.5}", settings.radius)),

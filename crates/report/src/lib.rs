@@ -72,6 +72,9 @@ pub struct Settings {
     pub radius: f32,
     /// Preset: `draft`, `normal` or `final`.
     pub quality: String,
+    /// What took the noise out of light in lux: `own`, `oidn` or `none`.
+    #[serde(default = "own")]
+    pub denoiser: String,
     /// Rays end here, in units of the file; none = unbounded.
     pub ao_distance: Option<f32>,
     /// Seed of every random number.
@@ -81,6 +84,11 @@ pub struct Settings {
 /// Reports of before there was a choice.
 fn eta() -> String {
     "eta".to_owned()
+}
+
+/// Reports of before there was a choice.
+fn own() -> String {
+    "own".to_owned()
 }
 
 /// What the file holds.
