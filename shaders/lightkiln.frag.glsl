@@ -3,6 +3,9 @@
 //
 // Each layer: `unit = C + eta * tex(UV / eta)`, then the way back from unit values to the signal's own unit.
 // The atlas has one layer per page: LINEAR, CLAMP_TO_EDGE, not sRGB.
+//
+// Two macros make the lookup cheaper where they hold: LIGHTKILN_ONE_PAGE, the atlas has one page; LIGHTKILN_ONE_LEVEL, it has
+// one mip level, or nothing is minified.
 
 const float LIGHTKILN_ETA_EPSILON = 0.0000152587890625;
 const float LIGHTKILN_CURVE_KNEE = 15.0;
@@ -17,20 +20,27 @@ const float LIGHTKILN_SH_DIFFERENCE = 0.5462742152960396;
 // derivatives are undefined inside of branches. Those of UV / eta follow from them by the quotient rule, and the level
 // from those: a lookup with a level costs less than one with gradients.
 vec3 lightkilnLightTexel(highp sampler2DArray atlas, vec3 place) {
+#ifndef LIGHTKILN_ONE_LEVEL
     vec3 byX = dFdx(place);
     vec3 byY = dFdy(place);
+#endif
     float eta = place.z;
     vec3 texel = vec3(0.0);
     if (eta > LIGHTKILN_ETA_EPSILON) {
         float share = 1.0 / eta;
-        vec2 position = place.xy * share;
-        vec2 texelsByX = (byX.xy - position * byX.z) * share;
-        vec2 texelsByY = (byY.xy - position * byY.z) * share;
-        float level = log2(max(1.0, max(dot(texelsByX, texelsByX), dot(texelsByY, texelsByY)))) / 2.0;
-        vec3 size = vec3(textureSize(atlas, 0));
-        vec2 uv = position / size.xy;
-        float page = clamp(floor(uv.y), 0.0, size.z - 1.0);
+        vec2 uv = place.xy * share;
+        float level = 0.0;
+        float page = 0.0;
+#ifndef LIGHTKILN_ONE_LEVEL
+        vec2 texels = vec2(textureSize(atlas, 0).xy) * share;
+        vec2 texelsByX = (byX.xy - uv * byX.z) * texels;
+        vec2 texelsByY = (byY.xy - uv * byY.z) * texels;
+        level = log2(max(1.0, max(dot(texelsByX, texelsByX), dot(texelsByY, texelsByY)))) / 2.0;
+#endif
+#ifndef LIGHTKILN_ONE_PAGE
+        page = clamp(floor(uv.y), 0.0, float(textureSize(atlas, 0).z - 1));
         uv.y -= page;
+#endif
         texel = eta * textureLod(atlas, vec3(uv, page), level).rgb;
     }
     return texel;

@@ -19,9 +19,9 @@ bool lightkilnVertexIsColor(vec2 code) {
     return code.y >= LIGHTKILN_COLOR_FLAG;
 }
 
-// UV in texels, and eta: to be interpolated. The same for all layers of a bake.
-vec3 lightkilnVertexPlace(vec2 code) {
-    return lightkilnVertexIsColor(code) ? vec3(0.0) : vec3(code / LIGHTKILN_SUBTEXELS, 1.0);
+// UV in pages, and eta: to be interpolated. The same for all layers of a bake. `page`: width and height of one, in texels.
+vec3 lightkilnVertexPlace(vec2 code, vec2 page) {
+    return lightkilnVertexIsColor(code) ? vec3(0.0) : vec3(code / (LIGHTKILN_SUBTEXELS * page), 1.0);
 }
 
 // The color of a layer of one channel: to be interpolated.

@@ -27,9 +27,9 @@ fn lightkilnVertexIsColor(code: vec2<u32>) -> bool {
     return code.y >= LIGHTKILN_COLOR_FLAG;
 }
 
-// UV in texels, and eta: to be interpolated. The same for all layers of a bake.
-fn lightkilnVertexPlace(code: vec2<u32>) -> vec3<f32> {
-    let place = vec3<f32>(vec2<f32>(code) / LIGHTKILN_SUBTEXELS, 1.0);
+// UV in pages, and eta: to be interpolated. The same for all layers of a bake. `page`: width and height of one, in texels.
+fn lightkilnVertexPlace(code: vec2<u32>, page: vec2<f32>) -> vec3<f32> {
+    let place = vec3<f32>(vec2<f32>(code) / (LIGHTKILN_SUBTEXELS * page), 1.0);
     return select(place, vec3<f32>(0.0), lightkilnVertexIsColor(code));
 }
 
@@ -87,13 +87,12 @@ fn lightkilnLightTexel(atlas: texture_2d_array<f32>, linear: sampler, place: vec
     var texel = vec3<f32>(0.0);
     if eta > LIGHTKILN_ETA_EPSILON {
         let share = 1.0 / eta;
-        let position = place.xy * share;
-        let texels_by_x = (by_x.xy - position * by_x.z) * share;
-        let texels_by_y = (by_y.xy - position * by_y.z) * share;
+        let uv = place.xy * share;
+        let texels = vec2<f32>(textureDimensions(atlas)) * share;
+        let texels_by_x = (by_x.xy - uv * by_x.z) * texels;
+        let texels_by_y = (by_y.xy - uv * by_y.z) * texels;
         let steps = max(dot(texels_by_x, texels_by_x), dot(texels_by_y, texels_by_y));
         let level = log2(max(1.0, steps)) / 2.0;
-        let size = vec2<f32>(textureDimensions(atlas));
-        let uv = position / size;
         let page = clamp(floor(uv.y), 0.0, f32(textureNumLayers(atlas)) - 1.0);
         texel = eta * textureSampleLevel(atlas, linear, vec2<f32>(uv.x, uv.y - page), i32(page), level).rgb;
     }

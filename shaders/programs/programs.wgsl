@@ -8,6 +8,7 @@ struct Layers {
     scale: array<vec4<f32>, 4>, // of each layer: P(low), P(high) - P(low), white, unused
     stack: vec2<f32>, // width and rows of all pages in texels; for the interop form
     ends: vec2<f32>, // of a layer with `clamp`
+    page: vec2<f32>, // width and height of a page in texels
 }
 
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -33,14 +34,14 @@ struct Scalar {
 
 @vertex
 fn vertex_scalar(@location(0) position: vec3<f32>, @location(1) code: vec2<u32>) -> Scalar {
-    return Scalar(clip(position), lightkilnVertexPlace(code), lightkilnVertexScalar(code));
+    return Scalar(clip(position), lightkilnVertexPlace(code, layers.page), lightkilnVertexScalar(code));
 }
 
 // The interop form (c, 2) of one channel.
 @vertex
 fn vertex_interop(@location(0) position: vec3<f32>, @location(1) texcoord: vec2<f32>) -> Scalar {
     let code = lightkilnVertexInteropScalar(texcoord, layers.stack);
-    return Scalar(clip(position), lightkilnVertexPlace(code), lightkilnVertexScalar(code));
+    return Scalar(clip(position), lightkilnVertexPlace(code, layers.page), lightkilnVertexScalar(code));
 }
 
 @fragment
@@ -67,12 +68,12 @@ struct Rgb {
 
 @vertex
 fn vertex_rgb(@location(0) position: vec3<f32>, @location(1) code: vec2<u32>) -> Rgb {
-    return Rgb(clip(position), lightkilnVertexPlace(code), lightkilnVertexRgb(code));
+    return Rgb(clip(position), lightkilnVertexPlace(code, layers.page), lightkilnVertexRgb(code));
 }
 
 @vertex
 fn vertex_table(@location(0) position: vec3<f32>, @location(1) code: vec2<u32>) -> Rgb {
-    return Rgb(clip(position), lightkilnVertexPlace(code), lightkilnVertexTable(table, code));
+    return Rgb(clip(position), lightkilnVertexPlace(code, layers.page), lightkilnVertexTable(table, code));
 }
 
 @fragment
@@ -113,7 +114,7 @@ fn vertex_sh(
 ) -> Sh {
     return Sh(
         clip(position),
-        lightkilnVertexPlace(code_0),
+        lightkilnVertexPlace(code_0, layers.page),
         normal,
         lightkilnVertexRgb(code_0),
         lightkilnVertexRgb(code_1),

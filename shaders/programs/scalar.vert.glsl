@@ -1,6 +1,7 @@
 // One channel, such as ambient occlusion. Stands behind lightkiln.vert.glsl.
 
 uniform mat4 u_clip_from_object;
+uniform vec2 u_page; // width and height of a page, in texels
 
 in vec3 a_position;
 in vec2 a_lightuv; // unsigned 16-bit integers as floats, not normalized
@@ -9,7 +10,7 @@ out vec3 v_place;
 out float v_color;
 
 void main() {
-    v_place = lightkilnVertexPlace(a_lightuv);
+    v_place = lightkilnVertexPlace(a_lightuv, u_page);
     v_color = lightkilnVertexScalar(a_lightuv);
     gl_Position = u_clip_from_object * vec4(a_position, 1.0);
 }

@@ -3,6 +3,7 @@
 // All layers of a bake share their places, so one varying serves them.
 
 uniform mat4 u_clip_from_object;
+uniform vec2 u_page; // width and height of a page, in texels
 
 in vec3 a_position;
 in vec3 a_normal;
@@ -19,7 +20,7 @@ out vec3 v_sh2;
 out vec3 v_sh3;
 
 void main() {
-    v_place = lightkilnVertexPlace(a_lightuv);
+    v_place = lightkilnVertexPlace(a_lightuv, u_page);
     v_normal = a_normal;
     v_sh0 = lightkilnVertexRgb(a_lightuv);
     v_sh1 = lightkilnVertexRgb(a_lightuv_1);

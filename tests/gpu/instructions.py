@@ -17,8 +17,6 @@ from pathlib import Path
 
 SHADERS = Path(__file__).resolve().parents[2] / "shaders"
 OURS = {stage: (SHADERS / f"lightkiln.{stage}.glsl").read_text() for stage in ("vert", "frag")}
-LEVEL = "vec3(uv, page), level)"
-assert LEVEL in OURS["frag"], "no level to replace"
 
 # A draw of a scene: a matrix and a position; what follows is what light adds.
 VERTEX = """#version 450
@@ -46,16 +44,16 @@ PLAIN = (
 )
 
 
-def hybrid(channels, level):
+def hybrid(channels, *macros):
     kind, name = ("float", "Scalar") if channels == 1 else ("vec3", "Rgb")
     unscale = "lightkilnLightUnscale" + ("" if channels == 1 else "Rgb")
     varyings = f"layout(location = 0) {{0}} vec3 v_place;\nlayout(location = 1) {{0}} {kind} v_color;\n"
-    functions = OURS["frag"] if level else OURS["frag"].replace(LEVEL, "vec3(uv, page), 0.0)")
+    functions = "".join(f"#define LIGHTKILN_{macro}\n" for macro in macros) + OURS["frag"]
     return (
         VERTEX.format(
             functions=OURS["vert"],
-            declarations=varyings.format("out") + "layout(location = 1) in uvec2 a_lightuv;",
-            statements=f"vec2 code = vec2(a_lightuv); v_place = lightkilnVertexPlace(code); v_color = lightkilnVertex{name}(code);",
+            declarations=varyings.format("out") + "layout(location = 1) in uvec2 a_lightuv;\nlayout(set = 0, binding = 0) uniform Atlas { vec2 page; };",
+            statements=f"vec2 code = vec2(a_lightuv); v_place = lightkilnVertexPlace(code, page); v_color = lightkilnVertex{name}(code);",
         ),
         FRAGMENT.format(
             functions=functions,
@@ -95,11 +93,13 @@ def vertices():
 WAYS = {
     "vertices, 1 channel": vertices(),
     "lightmap, 1 channel": lightmap(1),
-    "hybrid, 1 channel": hybrid(1, level=False),
-    "hybrid with mip levels, 1 channel": hybrid(1, level=True),
+    "hybrid, 1 channel": hybrid(1, "ONE_LEVEL", "ONE_PAGE"),
+    "hybrid, many pages, 1 channel": hybrid(1, "ONE_LEVEL"),
+    "hybrid with mip levels, 1 channel": hybrid(1, "ONE_PAGE"),
     "lightmap, RGB": lightmap(3),
-    "hybrid, RGB": hybrid(3, level=False),
-    "hybrid with mip levels, RGB": hybrid(3, level=True),
+    "hybrid, RGB": hybrid(3, "ONE_LEVEL", "ONE_PAGE"),
+    "hybrid, many pages, RGB": hybrid(3, "ONE_LEVEL"),
+    "hybrid with mip levels, RGB": hybrid(3, "ONE_PAGE"),
 }
 
 

@@ -69,6 +69,7 @@ function run() {
     }
     gl.uniformMatrix4fv(uniform('u_clip_from_object'), false, [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1])
     gl.uniform2f(uniform('u_stack'), size[0], size[1] * pages)
+    gl.uniform2f(uniform('u_page'), ...size)
     gl.uniform2fv(uniform('u_clamp'), test.ends)
     if (test.program === 'sh') {
       gl.uniform3fv(uniform('u_scale'), [0, 1, 2, 3].flatMap(() => test.scale))

@@ -63,7 +63,7 @@ export class LightkilnMaterialPlugin extends MaterialPluginBase {
   getUniforms() {
     const scales = this.light.used.map(({ index }) => `lightkilnScale${index}`)
     const intensities = ['lightkilnOcclusionIntensity', 'lightkilnIrradianceIntensity', 'lightkilnShadowIntensity']
-    return { externalUniforms: [...scales, ...intensities, 'lightkilnFromWorld'] }
+    return { externalUniforms: [...scales, ...intensities, 'lightkilnPage', 'lightkilnFromWorld'] }
   }
 
   getActiveTextures(textures) {
@@ -82,6 +82,7 @@ export class LightkilnMaterialPlugin extends MaterialPluginBase {
       if (atlas !== null) effect.setTexture(`lightkilnAtlas${index}`, atlas)
       if (palette !== null) effect.setTexture(`lightkilnTable${index}`, palette)
     }
+    effect.setFloat2('lightkilnPage', ...light.pageSize)
     effect.setFloat('lightkilnOcclusionIntensity', light.occlusionIntensity)
     effect.setFloat('lightkilnIrradianceIntensity', light.irradianceIntensity)
     effect.setFloat('lightkilnShadowIntensity', light.shadowIntensity)

@@ -11,6 +11,7 @@ import {
 
 const float = (x) => (Number.isInteger(x) ? `${x}.0` : `${x}`)
 const bracketed = (x) => `(${float(x)})`
+const isLogarithmic = ({ scale }) => scale.white > 0
 const typeOf = ({ channels }) => (channels === 1 ? 'float' : 'vec3')
 
 /** The attribute's name in shaders and geometries: three.js lower-cases names that it does not know. */
@@ -19,7 +20,7 @@ export const attributeName = ({ attribute }) => attribute.toLowerCase()
 /** What tells the programs of two lights apart. */
 export function shaderKey(layers, view) {
   const parts = layers.map((layer) =>
-    [layer.index, attributeName(layer), layer.channels, layer.form, layer.role, layer.atlas === null ? 0 : 1, layer.clamp ?? '', layer.stack ?? ''].join(','))
+    [layer.index, attributeName(layer), layer.channels, layer.form, layer.role, isLogarithmic(layer) ? 1 : 0, Math.min(layer.pages.length, 2), layer.clamp ?? '', layer.stack ?? ''].join(','))
   return `lightkiln:${parts.join(';')}:${view?.index ?? ''}`
 }
 
@@ -30,7 +31,8 @@ attribute vec2 ${attributeName(layer)};
 varying highp ${typeOf(layer)} vLightkilnColor${layer.index};
 ${layer.form === 'table' ? `uniform highp sampler2D lightkilnTable${layer.index};` : ''}`)
   return `
-varying highp vec3 vLightkilnPlace; // UV in texels, and eta
+varying highp vec3 vLightkilnPlace; // UV in pages, and eta
+uniform highp vec2 lightkilnPage; // width and height of a page, in texels
 ${attributes.join('')}
 highp vec2 lightkilnInterop(vec2 pair, vec2 color, vec2 stack) {
   return pair.y >= ${float(INTEROP_COLOR)} ? color : pair * stack * ${float(SUBTEXELS)};
@@ -69,7 +71,7 @@ export function vertexMain(layers) {
   return `${layers.map((layer) => `
   vec2 ${code(layer)} = ${codeOf(layer)};`).join('')}
   bool lightkilnIsColor = ${first}.y >= ${float(COLOR_FLAG)};
-  vLightkilnPlace = lightkilnIsColor ? vec3(0.0) : vec3(${first} / ${float(SUBTEXELS)}, 1.0);
+  vLightkilnPlace = lightkilnIsColor ? vec3(0.0) : vec3(${first} / (${float(SUBTEXELS)} * lightkilnPage), 1.0);
 ${colors.join('')}`
 }
 
@@ -84,10 +86,10 @@ function codeOf(layer) {
 
 /** Declarations of the fragment stage. */
 export function fragmentDeclarations(layers) {
-  const uniforms = layers.map(({ index, atlas, ...layer }) => `
+  const uniforms = layers.map(({ index, pages, ...layer }) => `
 varying highp ${typeOf(layer)} vLightkilnColor${index};
 uniform highp vec3 lightkilnScale${index}; // P(low), P(high) - P(low), white or 0
-${atlas === null ? '' : `uniform highp sampler2DArray lightkilnAtlas${index};`}`)
+${pages.length === 0 ? '' : `uniform highp sampler2DArray lightkilnAtlas${index};`}`)
   return `
 varying highp vec3 vLightkilnPlace;
 uniform float lightkilnOcclusionIntensity;
@@ -96,16 +98,18 @@ uniform float lightkilnShadowIntensity;
 ${uniforms.join('')}
 // The level is given: the lookup stands inside of a branch, and coarser levels would mix charts.
 highp vec3 lightkilnLookup(highp sampler2DArray atlas) {
-  highp vec3 size = vec3(textureSize(atlas, 0));
-  highp vec2 uv = vLightkilnPlace.xy / (vLightkilnPlace.z * size.xy);
-  highp float page = clamp(floor(uv.y), 0.0, size.z - 1.0);
+  highp vec2 uv = vLightkilnPlace.xy / vLightkilnPlace.z;
+  highp float page = clamp(floor(uv.y), 0.0, float(textureSize(atlas, 0).z - 1));
   return textureLod(atlas, vec3(uv.x, uv.y - page, page), 0.0).rgb;
 }
-highp vec3 lightkilnUndo(highp vec3 unit, highp vec3 scale) {
-  highp vec3 p = scale.x + unit * scale.y;
-  if (scale.z <= 0.0) return p;
-  return sign(p) * (pow(vec3(${float(CURVE_BASE)}), abs(p)) - 1.0) * (scale.z / ${float(CURVE_KNEE)});
-}`
+highp vec3 lightkilnLookupPage(highp sampler2DArray atlas) {
+  return textureLod(atlas, vec3(vLightkilnPlace.xy / vLightkilnPlace.z, 0.0), 0.0).rgb;
+}
+${['float', 'vec3'].map((type) => `
+highp ${type} lightkilnUndo(highp ${type} unit, highp vec3 scale) {
+  highp ${type} p = scale.x + unit * scale.y;
+  return sign(p) * (pow(${type}(${float(CURVE_BASE)}), abs(p)) - 1.0) * (scale.z / ${float(CURVE_KNEE)});
+}`).join('')}`
 }
 
 /**
@@ -113,12 +117,16 @@ highp vec3 lightkilnUndo(highp vec3 unit, highp vec3 scale) {
  * `lightkiln<k>` in the signal's unit, both gray for scalar layers; `lightkilnOcclusion`, `lightkilnShadow` and `lightkilnIrradiance` are what the roles make of them.
  */
 export function fragmentMain(layers) {
-  const values = layers.map(({ index, channels, atlas, clamp }) => {
-    const lookup = `lightkilnLookup(lightkilnAtlas${index})${channels === 1 ? '.rrr' : ''}`
+  const values = layers.map((layer) => {
+    const { index, channels, pages, clamp } = layer
+    const [stored, scale] = [`lightkilnStored${index}`, `lightkilnScale${index}`]
+    const lookup = `lightkilnLookup${pages.length === 1 ? 'Page' : ''}(lightkilnAtlas${index})${channels === 1 ? '.r' : ''}`
+    const light = isLogarithmic(layer) ? `lightkilnUndo(${stored}, ${scale})` : `${scale}.x + ${stored} * ${scale}.y`
     return `
-  highp vec3 lightkilnUnit${index} = vec3(vLightkilnColor${index});
-  ${atlas === null ? '' : `if (lightkilnIsTextured) lightkilnUnit${index} += vLightkilnPlace.z * ${lookup};`}
-  highp vec3 lightkiln${index} = lightkilnUndo(lightkilnUnit${index}, lightkilnScale${index});${clampStatements(index, clamp)}`
+  highp ${typeOf(layer)} ${stored} = vLightkilnColor${index};
+  ${pages.length === 0 ? '' : `if (lightkilnIsTextured) ${stored} += vLightkilnPlace.z * ${lookup};`}
+  highp vec3 lightkilnUnit${index} = vec3(${stored});
+  highp vec3 lightkiln${index} = vec3(${light});${clampStatements(index, clamp)}`
   })
   const factor = (layer, intensity) => `mix(1.0, lightkiln${layer.index}.r, ${intensity})`
   const sums = layers.map((layer) => {

@@ -16,11 +16,8 @@ const [ours, main, oursFragment, mainFragment] = await Promise.all(
   ['lightkiln.vert.glsl', 'programs/scalar.vert.glsl', 'lightkiln.frag.glsl', 'programs/scalar.frag.glsl'].map((file) => text(`/shaders/${file}`)))
 
 /** As shaders/README.md has it for where nothing is minified, and as the packages do. */
-function withoutLevels(source) {
-  const plain = source.replace('vec3(uv, page), level)', 'vec3(uv, page), 0.0)')
-  if (plain === source) throw Error('no level to replace')
-  return plain
-}
+const ONE_LEVEL = '#define LIGHTKILN_ONE_LEVEL\n'
+const ONE_PAGE = '#define LIGHTKILN_ONE_PAGE\n'
 
 const PLAIN_VERTEX = `
 uniform mat4 u_clip_from_object;
@@ -45,7 +42,7 @@ const WAYS = {
   nothing: { mesh: 'hybrid', vertex: PLAIN_VERTEX, fragment: plainFragment('', '1.0') },
   vertices: { mesh: 'hybrid', vertex: PLAIN_VERTEX, fragment: plainFragment('', 'v_attribute.x / 65535.0') },
   lightmap: { mesh: 'lightmap', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmap' },
-  hybrid: { mesh: 'hybrid', vertex: ours + main, fragment: withoutLevels(oursFragment) + mainFragment, texture: 'atlas' },
+  hybrid: { mesh: 'hybrid', vertex: ours + main, fragment: ONE_LEVEL + oursFragment + mainFragment, texture: 'atlas' },
   'lightmap, levels': { mesh: 'lightmap', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmapLevels' },
   'hybrid, levels': { mesh: 'hybrid', vertex: ours + main, fragment: oursFragment + mainFragment, texture: 'atlasLevels' },
 }
@@ -139,7 +136,7 @@ async function inMaterial(side, [width, height], pages, stack, full) {
   aoMap.channel = 1
   const atlas = linear(new THREE.DataArrayTexture(stack, width, height, pages), THREE.ClampToEdgeWrapping)
   const light = new Light([{ index: 0, signal: 'ambientOcclusion', attribute: '_LIGHTUV', channels: 1, form: 'scalar', role: 'occlusion',
-    scale: { low: 0, extent: 1, white: 0 }, clamp: null, atlas, palette: null }])
+    scale: { low: 0, extent: 1, white: 0 }, clamp: null, pages: [...Array(pages).keys()], atlas, palette: null }], [width, height])
   const camera = new THREE.Camera()
   camera.matrixWorldAutoUpdate = false
   const drawer = async (name, attribute, Numbers, material) => {
@@ -185,6 +182,7 @@ globalThis.prepare = async ({ side, pageSize, pages, cameras }) => {
     gl.bindVertexArray(meshes[way.mesh].array)
     if (way.texture !== undefined) gl.bindTexture(textures[way.texture].target, textures[way.texture].made)
     gl.uniform3f(gl.getUniformLocation(program, 'u_scale'), 0, 1, 0)
+    gl.uniform2f(gl.getUniformLocation(program, 'u_page'), ...pageSize)
     return gl.getUniformLocation(program, 'u_clip_from_object')
   }
   const drawn = (way, matrix, camera) => {
@@ -204,7 +202,8 @@ globalThis.prepare = async ({ side, pageSize, pages, cameras }) => {
     for (let i = 0; i < pixels.length; i += 4) if (pixels[i] > 0) counts[pixels[i] > 200 ? 1 : 0]++
   }
 
-  const programs = Object.fromEntries(Object.entries(WAYS).map(([name, way]) => [name, program(way)]))
+  const macros = pages === 1 ? ONE_PAGE : ''
+  const programs = Object.fromEntries(Object.entries(WAYS).map(([name, way]) => [name, program({ ...way, fragment: macros + way.fragment })]))
   const material = await inMaterial(side, pageSize, pages, stack, full)
   /** Milliseconds of a picture of each camera, so many times. */
   globalThis.frames = (name, repeats) => time(material[name] ? material.gl : gl, () => {

@@ -2,7 +2,7 @@
 
 import {
   ClampToEdgeWrapping, DataArrayTexture, DataTexture, HalfFloatType, LinearFilter, Matrix3, NearestFilter,
-  NoColorSpace, RedFormat, RGBAFormat, UnsignedByteType, Vector3,
+  NoColorSpace, RedFormat, RGBAFormat, UnsignedByteType, Vector2, Vector3,
 } from 'three'
 import { attributeName, defaultRole, pack, shaderKey } from 'lightkiln-format'
 import { shaderStages } from './shader.js'
@@ -30,16 +30,17 @@ export class Light {
         return used
       }),
     )
-    return new Light(loaded, options)
+    return new Light(loaded, pageSize, options)
   }
 
-  constructor(layers, options = {}) {
+  constructor(layers, pageSize, options = {}) {
     this.layers = layers
     this.#nodes = options.nodes ?? null
     this.uniforms = {
       lightkilnOcclusionIntensity: { value: options.occlusionIntensity ?? 1 },
       lightkilnIrradianceIntensity: { value: options.irradianceIntensity ?? 1 },
       lightkilnShadowIntensity: { value: options.shadowIntensity ?? 1 },
+      lightkilnPage: { value: new Vector2(...pageSize) },
       lightkilnFromWorld: { value: new Matrix3() },
     }
     for (const { index, scale, atlas, palette } of layers) {

@@ -209,8 +209,12 @@ fn vulkan_from_es(source: &str) -> String {
 
 #[test]
 fn shader_glsl_is_valid() {
-    for (stage, functions, main, file) in GLSL_PROGRAMS {
-        let source = vulkan_from_es(&[HEAD, functions, main].concat());
+    let [page, level] = ["#define LIGHTKILN_ONE_PAGE\n", "#define LIGHTKILN_ONE_LEVEL\n"];
+    let macros = [String::new(), page.to_owned(), level.to_owned(), page.to_owned() + level];
+    for ((stage, functions, main, file), macros) in
+        macros.iter().flat_map(|macros| GLSL_PROGRAMS.map(|program| (program, macros.as_str())))
+    {
+        let source = vulkan_from_es(&[HEAD, macros, functions, main].concat());
         let module = naga::front::glsl::Frontend::default()
             .parse(&naga::front::glsl::Options::from(stage), &source)
             .unwrap_or_else(|e| panic!("{file}: {}", e.emit_to_string(&source)));

@@ -60,7 +60,7 @@ void main() {
     vFallback = fallback;
     vChart = ids.x;
     vVertex = gl_VertexID;
-    vPlace = lightkilnVertexPlace(code);
+    vPlace = lightkilnVertexPlace(code, vec2(1.0)); // in texels
     if (form == 0) {
         vColor = vec3(lightkilnVertexScalar(code));
     } else if (form == 1) {
@@ -73,6 +73,9 @@ void main() {
 `
 
 const SHARED = `
+vec3 inPages(highp sampler2DArray atlas, vec3 place) {
+    return vec3(place.xy / vec2(textureSize(atlas, 0).xy), place.z);
+}
 vec3 encoded(vec3 linear) {
     vec3 x = clamp(linear, 0.0, 1.0);
     return mix(1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, 12.92 * x, lessThanEqual(x, vec3(0.0031308)));
@@ -128,7 +131,7 @@ vec3 hashed(uint x) {
 }
 
 void main() {
-    vec3 texel = lightkilnLightTexel(atlas, vPlace);
+    vec3 texel = lightkilnLightTexel(atlas, inPages(atlas, vPlace));
     vec3 placeX = dFdx(vPlace), placeY = dFdy(vPlace);
     vec3 worldX = dFdx(vWorld), worldY = dFdy(vWorld);
     vec3 flatNormal = cross(worldX, worldY);
@@ -188,7 +191,7 @@ in vec3 position;
 in vec2 code;
 uniform float pull;
 void main() {
-    gl_Position = stand(position, lightkilnVertexPlace(code).xy);
+    gl_Position = stand(position, lightkilnVertexPlace(code, vec2(1.0)).xy);
     gl_Position.z -= pull * gl_Position.w;
 }
 `
@@ -282,7 +285,7 @@ void main() {
     vNormal = normal;
     vBase = vec4(base.rgb * base.rgb, base.a);
     vUv = uv;
-    vPlace = lightkilnVertexPlace(code0);
+    vPlace = lightkilnVertexPlace(code0, vec2(1.0));
 ${each((k) => `    vColor${k} = lightkilnVertexRgb(code${k});`)}
     gl_Position = clipFromWorld * vec4(position, 1.0);
 }
@@ -297,8 +300,9 @@ out vec4 color;
 void main() {
     vec4 own = material();
     if (own.a < cutoff) discard;
+    vec3 place = inPages(atlas0, vPlace);
     vec3 sh[${count}];
-${each((k) => `    sh[${k}] = lightkilnLightUnscaleRgb(lightkilnLightRgb(atlas${k}, vColor${k}, vPlace), scale${k});`)}
+${each((k) => `    sh[${k}] = lightkilnLightUnscaleRgb(lightkilnLightRgb(atlas${k}, vColor${k}, place), scale${k});`)}
     vec3 light = lightkilnLightSh${count === 4 ? 1 : 2}(sh, normalize(vNormal + vec3(0.0, 1e-9, 0.0)));
     vec3 shown = light / (0.282095 * scale0.z) * exposure;
     color = vec4(encoded(materials ? shown * own.rgb : shown), 1.0);

@@ -178,7 +178,10 @@ impl Gpu {
         let camera = uniform(&glam::Mat4::IDENTITY.to_cols_array());
         let [low, extent, white] = case.scale;
         let stack = [SIZE[0] as f32, (SIZE[1] * PAGES) as f32];
-        let layers = uniform(&[[low, extent, white, 0.0].repeat(4), [stack, case.ends].concat()].concat());
+        let page = SIZE.map(|n| n as f32);
+        let layers = uniform(
+            &[[low, extent, white, 0.0].repeat(4), [stack, case.ends, page, [0.0; 2]].concat()].concat(),
+        );
         let group = |layout: usize, resources: Vec<wgpu::BindingResource<'_>>| {
             let entries: Vec<_> = resources
                 .into_iter()
