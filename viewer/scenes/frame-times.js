@@ -12,8 +12,8 @@ const gl = canvas.getContext('webgl2', { antialias: false, preserveDrawingBuffer
 const text = async (path) => (await fetch(path)).text()
 const numbers = async (name) => (await fetch(`/files/${name}`)).arrayBuffer()
 
-const [ours, main, oursFragment, mainFragment] = await Promise.all(
-  ['lightkiln.vert.glsl', 'programs/scalar.vert.glsl', 'lightkiln.frag.glsl', 'programs/scalar.frag.glsl'].map((file) => text(`/shaders/${file}`)))
+const [ours, main, oursFragment] = await Promise.all(
+  ['lightkiln.vert.glsl', 'programs/scalar.vert.glsl', 'lightkiln.frag.glsl'].map((file) => text(`/shaders/${file}`)))
 
 /** As shaders/README.md has it for where nothing is minified, and as the packages do. */
 const ONE_LEVEL = '#define LIGHTKILN_ONE_LEVEL\n'
@@ -35,6 +35,15 @@ out vec4 o_color;
 void main() {
   o_color = vec4(vec3(${light}), 1.0);
 }`
+/** Occlusion is stored as it is shown, so neither way has a curve to undo. */
+const OCCLUSION = `
+uniform highp sampler2DArray u_atlas;
+in vec3 v_place;
+in float v_color;
+out vec4 o_color;
+void main() {
+  o_color = vec4(vec3(lightkilnLightScalar(u_atlas, v_color, v_place)), 1.0);
+}`
 const LIGHTMAP = plainFragment('uniform highp sampler2D u_lightmap;', 'texture(u_lightmap, v_attribute).r')
 
 /** Each way: its mesh, vertex stage, fragment stage, and which of the textures. */
@@ -42,9 +51,9 @@ const WAYS = {
   nothing: { mesh: 'hybrid', vertex: PLAIN_VERTEX, fragment: plainFragment('', '1.0') },
   vertices: { mesh: 'hybrid', vertex: PLAIN_VERTEX, fragment: plainFragment('', 'v_attribute.x / 65535.0') },
   lightmap: { mesh: 'lightmap', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmap' },
-  hybrid: { mesh: 'hybrid', vertex: ours + main, fragment: ONE_LEVEL + oursFragment + mainFragment, texture: 'atlas' },
+  hybrid: { mesh: 'hybrid', vertex: ours + main, fragment: ONE_LEVEL + oursFragment + OCCLUSION, texture: 'atlas' },
   'lightmap, levels': { mesh: 'lightmap', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmapLevels' },
-  'hybrid, levels': { mesh: 'hybrid', vertex: ours + main, fragment: oursFragment + mainFragment, texture: 'atlasLevels' },
+  'hybrid, levels': { mesh: 'hybrid', vertex: ours + main, fragment: oursFragment + OCCLUSION, texture: 'atlasLevels' },
 }
 
 function program({ vertex, fragment }) {
@@ -181,7 +190,6 @@ globalThis.prepare = async ({ side, pageSize, pages, cameras }) => {
     gl.useProgram(program)
     gl.bindVertexArray(meshes[way.mesh].array)
     if (way.texture !== undefined) gl.bindTexture(textures[way.texture].target, textures[way.texture].made)
-    gl.uniform3f(gl.getUniformLocation(program, 'u_scale'), 0, 1, 0)
     gl.uniform2f(gl.getUniformLocation(program, 'u_page'), ...pageSize)
     return gl.getUniformLocation(program, 'u_clip_from_object')
   }
