@@ -66,7 +66,7 @@ impl Lit {
                 &self.light,
                 &self.weights,
                 &self.values,
-                Decision::new(tighter, plan),
+                Decision::new(tighter, plan.max_error),
             );
             self.needs_texture = verdicts.iter().map(|v| *v == Verdict::Texture).collect();
         }
@@ -134,7 +134,7 @@ pub fn light_fit_classify(
             &light,
             &weights,
             &values,
-            Decision::new(plan.max_error, plan),
+            Decision::new(plan.max_error, plan.max_error),
         );
         let mut open = 0_usize;
         for (triangle, _) in verdicts.iter().enumerate().filter(|(_, v)| **v == Verdict::Open) {
@@ -394,8 +394,10 @@ struct Decision {
 impl Decision {
     /// By that bound. The confidence shrinks with it: in a draft the noise alone is larger than the bound, so that a
     /// tighter one would decide next to nothing else, and what noise left open is what fresh points found wrong.
-    fn new(bound: f32, plan: &Plan) -> Self {
-        Self { bound, confidence: CONFIDENCE * bound / plan.max_error }
+    ///
+    /// - `asked`: the bound that was asked for
+    fn new(bound: f32, asked: f32) -> Self {
+        Self { bound, confidence: CONFIDENCE * bound / asked }
     }
 }
 
@@ -421,4 +423,36 @@ fn classify_triangles(
     let residuals =
         Residuals { triangle_starts: &starts, errors: &errors, sigmas: light.sigmas(), valid: &valid };
     classify(&residuals, by.bound, by.confidence)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One triangle a sample, of which the first lies far beyond the bound, the second and third less so, the last not.
+    #[test]
+    fn tighter_decision_makes_texture_of_what_noise_left_open() {
+        let errors = [0.2, 0.08, 0.05, 0.001];
+        let residuals = Residuals {
+            triangle_starts: &[0, 1, 2, 3, 4],
+            errors: &errors,
+            sigmas: &[0.03; 4],
+            valid: &[true; 4],
+        };
+        let textures = |by: Decision| {
+            let verdicts = classify(&residuals, by.bound, by.confidence);
+            verdicts.iter().filter(|v| **v == Verdict::Texture).count()
+        };
+        let (asked, tightest) = (0.03, TIGHTEST * 0.03);
+        assert_eq!(textures(Decision::new(asked, asked)), 1);
+        // With the confidence of before, the tighter bound decides nothing else.
+        assert_eq!(textures(Decision { bound: tightest, confidence: CONFIDENCE }), 1);
+        assert_eq!(textures(Decision::new(tightest, asked)), 3);
+        let mut bound = asked;
+        while bound * TIGHTER >= tightest {
+            let (before, after) = (Decision::new(bound, asked), Decision::new(bound * TIGHTER, asked));
+            assert!(textures(after) >= textures(before), "no texture triangle leaves");
+            bound *= TIGHTER;
+        }
+    }
 }
