@@ -10,10 +10,9 @@ import { bakedFiles, baked, withAllForms } from './baked.mjs'
 import { floats, startBrowser } from './browser.mjs'
 import { addTexture, readGlb, writeGlb } from './glb.mjs'
 import { asTexcoord, rgbCode, scalarCode, square } from './layers.mjs'
-import { VIEWS, cameraFor, compare, visible } from './raster.mjs'
-import { io, readScene } from './scene.mjs'
+import { io } from './scene.mjs'
+import { STEP, assertStoredLight } from './stored.mjs'
 
-const STEP = 1 / 255
 const FRONT = { right: [1, 0, 0], up: [0, 1, 0], toward: [0, 0, 1], center: [0, 0, 0], half: 0.9, depth: 5 }
 
 let browser, page, complaints
@@ -39,38 +38,18 @@ const near = (a, b, tolerance = 1.01 * STEP) =>
 /** Babylon's way from light to the screen. */
 const shown = (linear) => linear.map((x) => Math.min(x, 1) ** (1 / 2.2))
 
-/** `shown`: the same light in another form. */
-async function assertStoredLight(file, t, name, shown = file) {
-  const scene = await readScene(file)
-  const roles = Object.fromEntries(scene.layers.map(({ signal }) => [signal, 'value']))
-  assert.ok((await load(shown, { roles })).lit)
-  let [worst, total] = [0, 0]
-  for (const toward of VIEWS) {
-    const camera = cameraFor(scene.triangles, toward)
-    const clear = visible(scene.triangles, camera)
-    for (const layer of scene.layers) {
-      await view(layer.signal)
-      const { largest, over, compared } = compare(clear, layer, await pixels(camera), STEP)
-      assert.ok(compared > 1000, `only ${compared} pixels to compare`)
-      assert.equal(over, 0, `${layer.signal}: ${over} of ${compared} pixels are off, by up to ${largest}`)
-      worst = Math.max(worst, largest)
-      total += compared
-    }
-  }
-  t.diagnostic(`${name}: ${total} pixels of ${scene.layers.length} layers, off by ${worst.toFixed(5)} at most`)
-  quiet()
-}
+const viewer = { load, view, pixels, quiet }
 
 for (const { name, bytes } of bakedFiles) {
   test(`stored light of ${name} is what the decoder says`, async (t) => {
-    await assertStoredLight(await withAllForms(bytes), t, name)
+    await assertStoredLight(t, viewer, await withAllForms(bytes), { name })
   })
 }
 
 for (const name of ['contact', 'instances']) {
   test(`stored light of ${name} in the profile texcoord is what the decoder says`, async (t) => {
     const bytes = await withAllForms(baked(name))
-    await assertStoredLight(bytes, t, `texcoord of ${name}`, asTexcoord(bytes))
+    await assertStoredLight(t, viewer, bytes, { name: `texcoord of ${name}`, shown: asTexcoord(bytes) })
   })
 }
 
@@ -82,7 +61,7 @@ for (const [name, transform] of Object.entries(COMPRESSIONS)) {
   test(`stored light is there after ${name}`, async (t) => {
     const document = await io.readBinary(await withAllForms(baked('instances')))
     await document.transform(transform)
-    await assertStoredLight(await io.writeBinary(document), t, name)
+    await assertStoredLight(t, viewer, await io.writeBinary(document), { name })
   })
 }
 

@@ -6,10 +6,9 @@ import { after, before, test } from 'node:test'
 import { baked, bakedFiles, withAllForms } from './baked.mjs'
 import { floats, startBrowser } from './browser.mjs'
 import { asTexcoord, rgbCode, scalarCode, square } from './layers.mjs'
-import { VIEWS, cameraFor, compare, visible } from './raster.mjs'
-import { readScene } from './scene.mjs'
+import { VIEWS } from './raster.mjs'
+import { assertStoredLight } from './stored.mjs'
 
-const STEP = 1 / 255
 const FRONT = { right: [1, 0, 0], up: [0, 1, 0], toward: [0, 0, 1], center: [0, 0, 0], half: 0.9, depth: 5 }
 
 let browser, page, complaints
@@ -23,9 +22,11 @@ const load = (bytes, options = {}) => {
   return page.evaluate((options) => tests.load('/files/file.glb', options), options)
 }
 const change = (code) => page.evaluate((code) => tests.change(code), code)
+const view = (signal) => page.evaluate((signal) => tests.view(signal), signal)
 const pixels = async (camera = FRONT) => floats(await page.evaluate((camera) => tests.pixelsOfNodes(camera), camera))
 const middle = async () => [...(await pixels()).slice((128 * 256 + 128) * 4, (128 * 256 + 128) * 4 + 3)]
 const quiet = () => assert.deepEqual(complaints.splice(0), [])
+const viewer = { load, view, pixels, quiet }
 const near = (a, b, tolerance = 1e-4) =>
   a.forEach((x, k) => assert.ok(Math.abs(x - b[k]) <= tolerance * Math.max(1, Math.abs(b[k])), `${a} are not ${b}`))
 
@@ -52,22 +53,7 @@ for (const [backend, className] of [['webgl', 'WebGLBackend'], ['webgpu', 'WebGP
     test(`${backend}: stored light of ${name} is what the decoder says`, async (t) => {
       if (!(await isThere(t))) return
       const file = await withAllForms(bytes)
-      const scene = await readScene(file)
-      const roles = Object.fromEntries(scene.layers.map(({ signal }) => [signal, 'value']))
-      assert.ok((await load(form(file), { roles })).lit)
-      let [worst, total] = [0, 0]
-      const camera = cameraFor(scene.triangles, VIEWS[0])
-      const clear = visible(scene.triangles, camera)
-      for (const layer of scene.layers) {
-        await page.evaluate((signal) => tests.view(signal), layer.signal)
-        const { largest, over, compared } = compare(clear, layer, await pixels(camera), STEP)
-        assert.ok(compared > 1000, `only ${compared} pixels to compare`)
-        assert.equal(over, 0, `${layer.signal}: ${over} of ${compared} pixels are off, by up to ${largest}`)
-        worst = Math.max(worst, largest)
-        total += compared
-      }
-      t.diagnostic(`${name}: ${total} pixels of ${scene.layers.length} layers, off by ${worst.toFixed(5)} at most`)
-      quiet()
+      await assertStoredLight(t, viewer, file, { name, shown: form(file), views: VIEWS.slice(0, 1) })
     })
   }
 

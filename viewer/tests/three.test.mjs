@@ -10,8 +10,8 @@ import { addTexture, imageBytes, readGlb, writeGlb } from './glb.mjs'
 import { asTexcoord, rgbCode, scalarCode, square } from './layers.mjs'
 import { VIEWS, cameraFor, compare, visible } from './raster.mjs'
 import { readScene } from './scene.mjs'
+import { STEP, assertStoredLight } from './stored.mjs'
 
-const STEP = 1 / 255
 const FRONT = { right: [1, 0, 0], up: [0, 1, 0], toward: [0, 0, 1], center: [0, 0, 0], half: 0.9, depth: 5 }
 
 let browser, page, complaints
@@ -36,38 +36,18 @@ const quiet = () => assert.deepEqual(complaints.splice(0), [])
 const near = (a, b, tolerance = 1e-5) =>
   a.forEach((x, k) => assert.ok(Math.abs(x - b[k]) <= tolerance * Math.max(1, Math.abs(b[k])), `${a} are not ${b}`))
 
-/** `shown`: the same light in another form. */
-async function assertStoredLight(file, t, name, shown = file) {
-  const scene = await readScene(file)
-  const roles = Object.fromEntries(scene.layers.map(({ signal }) => [signal, 'value']))
-  assert.ok((await load(shown, { roles })).lit)
-  let [worst, total] = [0, 0]
-  for (const toward of VIEWS) {
-    const camera = cameraFor(scene.triangles, toward)
-    const clear = visible(scene.triangles, camera)
-    for (const layer of scene.layers) {
-      await view(layer.signal)
-      const { largest, over, compared } = compare(clear, layer, await pixels(camera), STEP)
-      assert.ok(compared > 1000, `only ${compared} pixels to compare`)
-      assert.equal(over, 0, `${layer.signal}: ${over} of ${compared} pixels are off, by up to ${largest}`)
-      worst = Math.max(worst, largest)
-      total += compared
-    }
-  }
-  t.diagnostic(`${name}: ${total} pixels of ${scene.layers.length} layers, off by ${worst.toFixed(5)} at most`)
-  quiet()
-}
+const viewer = { load, view, pixels, quiet }
 
 for (const name of ['contact', 'instances']) {
   test(`stored light of ${name} in the profile texcoord is what the decoder says`, async (t) => {
     const bytes = await withAllForms(baked(name))
-    await assertStoredLight(bytes, t, `texcoord of ${name}`, asTexcoord(bytes))
+    await assertStoredLight(t, viewer, bytes, { name: `texcoord of ${name}`, shown: asTexcoord(bytes) })
   })
 }
 
 for (const { name, bytes } of bakedFiles) {
   test(`stored light of ${name} is what the decoder says`, async (t) => {
-    await assertStoredLight(await withAllForms(bytes), t, name)
+    await assertStoredLight(t, viewer, await withAllForms(bytes), { name })
   })
 
   test(`${name} is shown without a complaint`, async () => {
