@@ -141,11 +141,11 @@ fn judged(map: Lightmap<'_>, filtered: [&[f32]; 2]) -> Denoised {
     let spread = |[a, b]: [&[f32]; 2], at: usize| 0.25 * (f64::from(a[at]) - f64::from(b[at])).powi(2);
     let mut denoised =
         Denoised { values: vec![0.0; texels * RGB], variances: vec![f32::INFINITY; texels * RGB] };
+    let counts = Sums::new(map.size, |texel| f64::from(u8::from(map.measured[texel])));
     for color in 0..RGB {
         let of_measured = |value: &dyn Fn(usize) -> f64| {
             Sums::new(map.size, |texel| if map.measured[texel] { value(texel * RGB + color) } else { 0.0 })
         };
-        let counts = of_measured(&|_| 1.0);
         let variances = of_measured(&|at| f64::from(map.variances[at]));
         let noise = of_measured(&|at| spread(map.halves, at));
         let noise_left = of_measured(&|at| spread(filtered, at));
@@ -249,7 +249,7 @@ impl Library {
 /// [`Library::lightmap`], by one thread. The library reads `color` and writes `output` only while it executes a filter,
 /// and both are slices of the size that it is told, alive beyond the filter's release. Texts that it returns
 /// are copied before the next call.
-#[allow(unsafe_code)]
+#[allow(unsafe_code)] // a C library can be called in no other way; the page above says what makes it sound
 mod calls {
     use std::ffi::{CStr, c_int, c_void};
     use std::ptr::{null, null_mut};
@@ -433,7 +433,7 @@ mod calls {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::print_stdout)]
+    #![allow(clippy::print_stdout)] // what was skipped, and what was measured
 
     use lightkiln_mesh::random;
 
