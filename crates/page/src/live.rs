@@ -71,6 +71,8 @@ struct State {
     behind: usize,
     /// When the last page was closed.
     closed: Option<Instant>,
+    /// Answers that are on their way.
+    answering: usize,
     cancelled: bool,
 }
 
@@ -144,11 +146,11 @@ impl Live {
         state.closed.filter(|_| state.pages == 0).map(|since| since.elapsed())
     }
 
-    /// Waits until all open pages know the last change, or for that long.
+    /// Waits until all open pages know the last change and no answer is cut off, or for that long.
     pub fn wait_until_told(&self, patience: Duration) {
         let until = Instant::now() + patience;
         let mut state = self.state();
-        while state.behind > 0 && state.pages > 0 {
+        while state.behind > 0 && state.pages > 0 || state.answering > 0 {
             let Some(left) = until.checked_duration_since(Instant::now()) else { return };
             state = self.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
         }
@@ -167,6 +169,15 @@ impl Live {
     /// A page has asked the bake to stop.
     pub(crate) fn cancel(&self) {
         self.state().cancelled = true;
+    }
+
+    /// Sends an answer that has an end.
+    pub(crate) fn answer<T>(&self, send: impl FnOnce() -> T) -> T {
+        self.state().answering += 1;
+        let sent = send();
+        self.state().answering -= 1;
+        self.changed.notify_all();
+        sent
     }
 
     /// Tells one page everything, until it goes away.
@@ -272,6 +283,28 @@ mod tests {
         }
         assert_eq!(live.pages(), 0);
         live.wait_until_told(Duration::from_secs(20));
+    }
+
+    #[test]
+    fn live_cuts_no_answer_off_at_the_end() {
+        let live = Arc::new(Live::of_bake());
+        let (begun, is_begun) = channel();
+        let (go_on, goes_on) = channel::<()>();
+        let answers = Arc::clone(&live);
+        let answer = std::thread::spawn(move || {
+            answers.answer(|| {
+                begun.send(()).expect("heard");
+                goes_on.recv().expect("told to go on");
+            });
+        });
+        is_begun.recv().expect("an answer");
+        let since = Instant::now();
+        live.wait_until_told(Duration::from_millis(50));
+        assert!(since.elapsed() >= Duration::from_millis(50), "it is waited for, and not for ever");
+        go_on.send(()).expect("heard");
+        live.wait_until_told(Duration::from_secs(20));
+        answer.join().expect("sent");
+        assert!(since.elapsed() < Duration::from_secs(20), "its end is noticed");
     }
 
     #[test]

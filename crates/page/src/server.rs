@@ -90,10 +90,10 @@ fn answer(stream: &TcpStream, live: &Live, port: u16) -> std::io::Result<()> {
     }
     let mut stream = stream;
     match reply(&String::from_utf8_lossy(&head), live, port) {
-        Reply::Whole(reply) => {
+        Reply::Whole(reply) => live.answer(|| {
             stream.write_all(&reply)?;
             stream.flush()
-        }
+        }),
         Reply::Events(head) => {
             stream.write_all(&head)?;
             live.stream(stream)

@@ -8,13 +8,15 @@ const STAGES = {
 
 /**
  * - `box`: the element that shows the bake
- * - `renew`: fetches and shows the newest model
+ * - `renew`: fetches and shows the newest model, unless a signal ends it
  * - `failed`: takes the error when that cannot be done
  */
 export function follow(box, renew, failed) {
   const [text, meter, button] = ['p', 'progress', 'button'].map((name) => box.querySelector(name))
   const events = new EventSource('events')
   let [shown, busy, latest, lost] = [0, false, undefined, false]
+  // A bake that has ended without a file has nothing more to show, and nobody is there to be asked.
+  const over = new AbortController()
   box.hidden = false
 
   /** One model after the other, and of those that came meanwhile only the newest. */
@@ -22,14 +24,13 @@ export function follow(box, renew, failed) {
     if (busy) return
     busy = true
     try {
-      while (shown < latest.version) {
+      while (shown < latest.version && !over.signal.aborted) {
         const { version } = latest
-        await renew()
+        await renew(over.signal)
         shown = version
       }
     } catch (error) {
-      // A bake that has ended without a file has nothing more to show.
-      if (latest.phase !== 'cancelled' && latest.phase !== 'failed') failed(error)
+      if (!over.signal.aborted) failed(error)
     } finally {
       busy = false
     }
@@ -58,10 +59,13 @@ export function follow(box, renew, failed) {
   events.addEventListener('message', (event) => {
     lost = false
     latest = JSON.parse(event.data)
+    // A page of a finished file stays connected, so that it is served.
+    if (latest.phase === 'cancelled' || latest.phase === 'failed') {
+      events.close()
+      over.abort()
+    }
     say()
     catchUp()
-    // Nobody is there any more to be asked again; a page of a finished file stays connected, so that it is served.
-    if (latest.phase === 'cancelled' || latest.phase === 'failed') events.close()
   })
   events.addEventListener('error', () => {
     lost = true

@@ -17,8 +17,8 @@ if (LIVE) follow(at('bake'), renew, cannotShow)
 else await renew().catch(cannotShow)
 
 /** Shows the model as it is now; the first one starts the page. */
-async function renew() {
-  const model = await load()
+async function renew(signal) {
+  const model = await load(signal)
   if (show) show(model)
   else show = start(model, new Renderer(at('view'), model))
 }

@@ -2,20 +2,21 @@
 
 import { LIVE } from './mode.js'
 
-export async function load() {
+/** - `signal`: ends it */
+export async function load(signal) {
   for (let again = 3; ; again--) {
-    const about = await fetched('model.json', 'json')
+    const about = await fetched('model.json', 'json', signal)
     try {
-      return new Model(about, await fetched(about.block, 'arrayBuffer'))
+      return new Model(about, await fetched(about.block, 'arrayBuffer', signal))
     } catch (error) {
       // While a bake goes on, a block may be out of date before it is fetched.
-      if (!LIVE || again === 0) throw error
+      if (!LIVE || again === 0 || signal?.aborted) throw error
     }
   }
 }
 
-async function fetched(name, as) {
-  const response = await fetch(name)
+async function fetched(name, as, signal) {
+  const response = await fetch(name, { signal })
   if (!response.ok) throw new Error(`${name}: ${response.status}`)
   return response[as]()
 }
