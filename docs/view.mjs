@@ -3,9 +3,8 @@
 //
 //   node docs/view.mjs FILE.glb REPORT.json FOLDER
 
-import { spawn } from 'node:child_process'
 import { join } from 'node:path'
-import { PROGRAM, complaintsOf, launch } from '../crates/page/browser/browser.mjs'
+import { complaintsOf, launch, serve } from '../crates/page/browser/browser.mjs'
 
 const [file, report, folder] = process.argv.slice(2)
 if (folder === undefined) {
@@ -19,13 +18,9 @@ const SHOTS = {
   'view_overlay.png': { state: { overlay: 'classes', divider: 1 }, closer: 2.1 },
 }
 
-const server = spawn(PROGRAM, ['view', '--quiet', '--trace', '20000', '--report', report, file], { stdio: ['ignore', 'pipe', 'inherit'] })
+const { url, stop } = await serve(['--trace', '20000', '--report', report, file])
 const browser = await launch()
 try {
-  const url = await new Promise((resolve, reject) => {
-    server.stdout.once('data', (data) => resolve(String(data).trim()))
-    server.once('exit', () => reject(new Error('lightkiln view has ended')))
-  })
   for (const [name, { state, closer, pointer }] of Object.entries(SHOTS)) {
     const page = await browser.newPage({ viewport: { width: 1120, height: 680 }, colorScheme: 'light' })
     const complaints = complaintsOf(page)
@@ -46,5 +41,5 @@ try {
   }
 } finally {
   await browser.close()
-  server.kill()
+  stop()
 }

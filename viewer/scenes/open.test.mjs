@@ -4,16 +4,13 @@
 // LIGHTKILN_FILES names the folder; LIGHTKILN the program.
 
 import assert from 'node:assert/strict'
-import { spawn } from 'node:child_process'
 import { existsSync } from 'node:fs'
 import { join } from 'node:path'
 import { after, before, test } from 'node:test'
-import { fileURLToPath } from 'node:url'
+import { PROGRAM, pixelsOf, serve } from '../../crates/page/browser/browser.mjs'
 import { FOLDER, bakedFiles } from '../tests/baked.mjs'
 import { floats, startBrowser } from '../tests/browser.mjs'
 import { VIEWS, cameraFor } from '../tests/raster.mjs'
-
-const PROGRAM = process.env.LIGHTKILN ?? fileURLToPath(new URL('../../target/release/lightkiln', import.meta.url))
 
 let browser
 before(async () => {
@@ -82,35 +79,21 @@ async function bytesOf(url) {
 for (const { name, bytes: { length } } of bakedFiles) {
   test(`${name} opens in lightkiln view`, async (t) => {
     const began = performance.now()
-    const server = spawn(PROGRAM, ['view', '--quiet', join(FOLDER, `${name}.glb`)])
+    const { url, stop } = await serve([join(FOLDER, `${name}.glb`)])
     try {
-      const url = await new Promise((resolve, reject) => {
-        server.stdout.once('data', (data) => resolve(String(data).trim()))
-        server.stderr.once('data', (data) => reject(new Error(String(data))))
-      })
       const served = performance.now()
       const { page, complaints } = await browser.open(url, { width: 512, height: 512 })
       const opened = performance.now()
-      const pixels = await page.evaluate(() => {
-        const { state, renderer, paint } = globalThis.lightkiln
-        Object.assign(state, { left: 'hybrid', divider: 1 })
-        paint()
-        const { gl, canvas } = renderer
-        const pixels = new Uint8Array(4 * canvas.width * canvas.height)
-        gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels)
-        let text = ''
-        for (let i = 0; i < pixels.length; i += 32768) text += String.fromCharCode(...pixels.subarray(i, i + 32768))
-        return btoa(text)
-      })
+      const pixels = await pixelsOf(page, { left: 'hybrid', divider: 1 })
       const triangles = await page.evaluate(() => globalThis.lightkiln.model.indices.length / 3)
       await page.close()
-      assertShows(Buffer.from(pixels, 'base64'), 255)
+      assertShows(pixels, 255)
       assert.deepEqual(complaints, [])
       const mib = (bytes) => (bytes / 2 ** 20).toFixed(1)
       const seconds = (ms) => (ms / 1000).toFixed(2)
       t.diagnostic(`| ${name} | ${triangles} | ${mib(length)} | ${mib(await bytesOf(url))} | ${seconds(served - began)} | ${seconds(opened - served)} |`)
     } finally {
-      server.kill()
+      stop()
     }
   })
 }

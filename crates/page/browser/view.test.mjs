@@ -2,14 +2,14 @@
 // LIGHTKILN names the program. Real scenes are opened by viewer/scenes/open.test.mjs.
 
 import assert from 'node:assert/strict'
-import { execFileSync, spawn } from 'node:child_process'
+import { execFileSync } from 'node:child_process'
 import { existsSync, mkdtempSync, readFileSync, readdirSync, rmSync } from 'node:fs'
 import { request } from 'node:http'
 import { tmpdir } from 'node:os'
 import { dirname, join } from 'node:path'
 import { after, before, test } from 'node:test'
 
-import { PROGRAM, ROOT, complaintsOf, launch } from './browser.mjs'
+import { PROGRAM, ROOT, complaintsOf, launch, pixelsOf, serve } from './browser.mjs'
 
 const run = (...args) => execFileSync(PROGRAM, args, { encoding: 'utf8', stdio: ['ignore', 'pipe', 'pipe'] })
 const folder = mkdtempSync(join(tmpdir(), 'lightkiln-view-'))
@@ -34,11 +34,7 @@ function bake(scene, name, ...extra) {
 
 /** Serves a file, opens the page, and ends both when `use` is done. The page must have complained about nothing. */
 async function view(args, use, context = {}) {
-  const server = spawn(PROGRAM, ['view', '--quiet', ...args])
-  const url = await new Promise((resolve, reject) => {
-    server.stdout.once('data', (data) => resolve(String(data).trim()))
-    server.stderr.once('data', (data) => reject(new Error(String(data))))
-  })
+  const { url, stop } = await serve(args)
   const page = await browser.newPage({ viewport: { width: 512, height: 512 }, ...context })
   const complaints = complaintsOf(page)
   page.on('request', (asked) => asked.url().startsWith(url) || asked.url().startsWith('data:') || complaints.push(asked.url()))
@@ -49,25 +45,19 @@ async function view(args, use, context = {}) {
     assert.deepEqual(complaints, [])
   } finally {
     await page.close()
-    server.kill()
+    stop()
   }
 }
 
 /** The light as bytes, from the top, with some of the state changed; colors of materials and the atlas are off. */
 const shot = async (page, changes) => {
-  const base64 = await page.evaluate((changes) => {
-    const { state, renderer, paint } = globalThis.lightkiln
+  const width = await page.evaluate(() => {
     document.getElementById('show-atlas').checked = false
-    Object.assign(state, { materials: false, ...changes })
-    paint()
-    const { gl, canvas } = renderer
-    const pixels = new Uint8Array(4 * canvas.width * canvas.height)
-    gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels)
-    const rows = []
-    for (let row = canvas.height - 1; row >= 0; row--) rows.push(String.fromCharCode(...pixels.subarray(4 * row * canvas.width, 4 * (row + 1) * canvas.width)))
-    return btoa(rows.join(''))
-  }, changes)
-  return Buffer.from(base64, 'base64')
+    return globalThis.lightkiln.renderer.canvas.width
+  })
+  const pixels = await pixelsOf(page, { materials: false, ...changes })
+  const rows = Array.from({ length: pixels.length / width / 4 }, (_, row) => pixels.subarray(4 * row * width, 4 * (row + 1) * width))
+  return Buffer.concat(rows.reverse())
 }
 
 /** A picture file as bytes. */
