@@ -80,12 +80,26 @@ else
 	LIGHTKILN_FILES=$(CURDIR)/out/scenes node --test --test-reporter=spec viewer/scenes/
 endif
 
-# What light costs to show: frame times, and instructions of the shaders. The tables of docs/COST.md.
+# What light costs to show: frame times beside a full lightmap, and instructions of the shaders. The tables of docs/COST.md.
+# ANGLE is what the browser draws with: the GPU where there is one (default), swiftshader, gl-egl ...
+ANGLE ?= default
 COSTLY = $(filter %/lamborghini_huracan.glb %/flight_helmet.glb %/dream_apartment.glb,$(BAKED_SCENES)) \
   out/big/car_100k.baked.glb
+LIGHTMAPS = $(patsubst out/%,out/lightmaps/%,$(COSTLY))
 
-frame-times: $(COSTLY) viewer
-	node viewer/scenes/frame-times.mjs $(COSTLY)
+define bake-lightmap
+@mkdir -p $(@D)
+$(LIGHTKILN) bake $< -o $@ $(BAKE_FLAGS) --profile lightmap --authored-occlusion replace --quiet || test $$? = 6
+endef
+
+out/lightmaps/scenes/%.glb: $(SCENES_DIR)/%.glb | build
+	$(bake-lightmap)
+
+out/lightmaps/big/%.baked.glb: data/big/%.glb | build
+	$(bake-lightmap)
+
+frame-times: $(COSTLY) $(LIGHTMAPS) viewer
+	node viewer/scenes/frame-times.mjs $(foreach f,$(COSTLY),$f=$(f:out/%=out/lightmaps/%)) --angle $(ANGLE)
 
 data/big/car_100k.glb: | build
 	@mkdir -p $(@D)

@@ -4,8 +4,14 @@
 // Each layer: `unit = C + eta * tex(UV / eta)`, then the way back from unit values to the signal's own unit.
 // The atlas has one layer per page: LINEAR, CLAMP_TO_EDGE, not sRGB.
 //
-// Two macros make the lookup cheaper where they hold: LIGHTKILN_ONE_PAGE, the atlas has one page; LIGHTKILN_ONE_LEVEL, it has
-// one mip level, or nothing is minified.
+// Two macros make the lookup cheaper where they hold: LIGHTKILN_ONE_PAGE, the atlas is one page, and a sampler2D in the place of
+// a sampler2DArray; LIGHTKILN_ONE_LEVEL, it has no mip levels, and its filter no anisotropy.
+
+#ifdef LIGHTKILN_ONE_PAGE
+#define LIGHTKILN_ATLAS highp sampler2D
+#else
+#define LIGHTKILN_ATLAS highp sampler2DArray
+#endif
 
 const float LIGHTKILN_ETA_EPSILON = 0.0000152587890625;
 const float LIGHTKILN_CURVE_KNEE = 15.0;
@@ -18,8 +24,9 @@ const float LIGHTKILN_SH_DIFFERENCE = 0.5462742152960396;
 
 // eta * tex(UV / eta). `place` is interpolated from `lightkilnVertexPlace`. To be called where all pixels pass:
 // derivatives are undefined inside of branches. Those of UV / eta follow from them by the quotient rule, and the level
-// from those: a lookup with a level costs less than one with gradients.
-vec3 lightkilnLightTexel(highp sampler2DArray atlas, vec3 place) {
+// from those: a lookup with a level costs less than one with gradients. Without mip levels there is none to choose:
+// nothing depends on derivatives, and a plain lookup will do.
+vec3 lightkilnLightTexel(LIGHTKILN_ATLAS atlas, vec3 place) {
 #ifndef LIGHTKILN_ONE_LEVEL
     vec3 byX = dFdx(place);
     vec3 byY = dFdy(place);
@@ -29,30 +36,34 @@ vec3 lightkilnLightTexel(highp sampler2DArray atlas, vec3 place) {
     if (eta > LIGHTKILN_ETA_EPSILON) {
         float share = 1.0 / eta;
         vec2 uv = place.xy * share;
-        float level = 0.0;
-        float page = 0.0;
 #ifndef LIGHTKILN_ONE_LEVEL
         vec2 texels = vec2(textureSize(atlas, 0).xy) * share;
         vec2 texelsByX = (byX.xy - uv * byX.z) * texels;
         vec2 texelsByY = (byY.xy - uv * byY.z) * texels;
-        level = log2(max(1.0, max(dot(texelsByX, texelsByX), dot(texelsByY, texelsByY)))) / 2.0;
+        float level = log2(max(1.0, max(dot(texelsByX, texelsByX), dot(texelsByY, texelsByY)))) / 2.0;
 #endif
-#ifndef LIGHTKILN_ONE_PAGE
-        page = clamp(floor(uv.y), 0.0, float(textureSize(atlas, 0).z - 1));
-        uv.y -= page;
+#ifdef LIGHTKILN_ONE_PAGE
+        vec2 at = uv;
+#else
+        float page = clamp(floor(uv.y), 0.0, float(textureSize(atlas, 0).z - 1));
+        vec3 at = vec3(uv.x, uv.y - page, page);
 #endif
-        texel = eta * textureLod(atlas, vec3(uv, page), level).rgb;
+#ifdef LIGHTKILN_ONE_LEVEL
+        texel = eta * texture(atlas, at).rgb;
+#else
+        texel = eta * textureLod(atlas, at, level).rgb;
+#endif
     }
     return texel;
 }
 
 // The unit value of a layer of one channel. `color` is interpolated from `lightkilnVertexScalar`.
-float lightkilnLightScalar(highp sampler2DArray atlas, float color, vec3 place) {
+float lightkilnLightScalar(LIGHTKILN_ATLAS atlas, float color, vec3 place) {
     return color + lightkilnLightTexel(atlas, place).r;
 }
 
 // The unit value of a layer of two or three channels. `color` is interpolated from `lightkilnVertexRgb` or `..Table`.
-vec3 lightkilnLightRgb(highp sampler2DArray atlas, vec3 color, vec3 place) {
+vec3 lightkilnLightRgb(LIGHTKILN_ATLAS atlas, vec3 color, vec3 place) {
     return color + lightkilnLightTexel(atlas, place);
 }
 

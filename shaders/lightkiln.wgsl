@@ -99,6 +99,16 @@ fn lightkilnLightTexel(atlas: texture_2d_array<f32>, linear: sampler, place: vec
     return texel;
 }
 
+// The same for an atlas that is one page and has no mip levels; may stand inside of branches.
+fn lightkilnLightTexelPlain(atlas: texture_2d<f32>, linear: sampler, place: vec3<f32>) -> vec3<f32> {
+    let eta = place.z;
+    var texel = vec3<f32>(0.0);
+    if eta > LIGHTKILN_ETA_EPSILON {
+        texel = eta * textureSampleLevel(atlas, linear, place.xy / eta, 0.0).rgb;
+    }
+    return texel;
+}
+
 // The unit value of a layer of one channel. `color` is interpolated from `lightkilnVertexScalar`.
 fn lightkilnLightScalar(atlas: texture_2d_array<f32>, linear: sampler, color: f32, place: vec3<f32>) -> f32 {
     return color + lightkilnLightTexel(atlas, linear, place).r;

@@ -2,7 +2,7 @@
 
 uniform vec3 u_scale; // low, high - low, 0
 uniform vec2 u_clamp; // of the layer
-uniform highp sampler2DArray u_atlas;
+uniform LIGHTKILN_ATLAS u_atlas;
 
 in vec3 v_place;
 in float v_color;

@@ -19,6 +19,7 @@ struct Layers {
 @group(1) @binding(1) var atlas_1: texture_2d_array<f32>;
 @group(1) @binding(2) var atlas_2: texture_2d_array<f32>;
 @group(1) @binding(3) var atlas_3: texture_2d_array<f32>;
+@group(1) @binding(4) var plain: texture_2d<f32>; // one page without mip levels
 
 fn clip(position: vec3<f32>) -> vec4<f32> {
     return camera.clip_from_object * vec4<f32>(position, 1.0);
@@ -47,6 +48,13 @@ fn vertex_interop(@location(0) position: vec3<f32>, @location(1) texcoord: vec2<
 @fragment
 fn fragment_scalar(in: Scalar) -> @location(0) vec4<f32> {
     let unit = lightkilnLightScalar(atlas_0, linear_sampler, in.color, in.place);
+    return vec4<f32>(vec3<f32>(lightkilnLightUnscale(unit, layers.scale[0].xyz)), 1.0);
+}
+
+// One channel, of an atlas that is one page without mip levels.
+@fragment
+fn fragment_plain(in: Scalar) -> @location(0) vec4<f32> {
+    let unit = in.color + lightkilnLightTexelPlain(plain, linear_sampler, in.place).r;
     return vec4<f32>(vec3<f32>(lightkilnLightUnscale(unit, layers.scale[0].xyz)), 1.0);
 }
 

@@ -1,7 +1,7 @@
 // Three channels, such as irradiance. Stands behind lightkiln.frag.glsl.
 
 uniform vec3 u_scale; // P(low), P(high) - P(low), white
-uniform highp sampler2DArray u_atlas;
+uniform LIGHTKILN_ATLAS u_atlas;
 
 in vec3 v_place;
 in vec3 v_color;

@@ -1,7 +1,7 @@
 // One channel. Stands behind lightkiln.frag.glsl.
 
 uniform vec3 u_scale; // 0, 1, 0 for a linear range of 0 to 1
-uniform highp sampler2DArray u_atlas;
+uniform LIGHTKILN_ATLAS u_atlas;
 
 in vec3 v_place;
 in float v_color;

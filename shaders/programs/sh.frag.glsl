@@ -1,10 +1,10 @@
 // Irradiance for normal maps, four layers of RGB. Stands behind lightkiln.frag.glsl.
 
 uniform vec3 u_scale[4]; // of each layer
-uniform highp sampler2DArray u_atlas_0;
-uniform highp sampler2DArray u_atlas_1;
-uniform highp sampler2DArray u_atlas_2;
-uniform highp sampler2DArray u_atlas_3;
+uniform LIGHTKILN_ATLAS u_atlas_0;
+uniform LIGHTKILN_ATLAS u_atlas_1;
+uniform LIGHTKILN_ATLAS u_atlas_2;
+uniform LIGHTKILN_ATLAS u_atlas_3;
 
 in vec3 v_place;
 in vec3 v_normal; // in world space; from a normal map where there is one

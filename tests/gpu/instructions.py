@@ -57,7 +57,7 @@ def hybrid(channels, *macros):
         ),
         FRAGMENT.format(
             functions=functions,
-            declarations=varyings.format("in") + "layout(set = 0, binding = 1) uniform sampler2DArray u_atlas;",
+            declarations=varyings.format("in") + "layout(set = 0, binding = 1) uniform LIGHTKILN_ATLAS u_atlas;",
             light=f"vec3({unscale}(lightkilnLight{name}(u_atlas, v_color, v_place), scale))",
         ),
     )

@@ -1,14 +1,18 @@
 // Draws `cases` with `shaders` and compares; see page.rs. `globalThis.result` is, for each program and curve, the
-// largest difference in stored units and how many pixels were compared.
+// largest difference in stored units and how many pixels were compared. `plain` programs are those for an atlas of one page
+// without mip levels: all pages, one under the other.
 
 const gl = document.createElement('canvas').getContext('webgl2')
 
-function program(name) {
+const stack = [size[0], size[1] * pages]
+const PLAIN = '#define LIGHTKILN_ONE_PAGE\n#define LIGHTKILN_ONE_LEVEL\n'
+
+function program(name, isPlain) {
   const [vertex, fragment] = { table: ['table', 'rgb'], interop: ['interop', 'scalar'], clamped: ['scalar', 'clamped'] }[name] ?? [name, name]
   const linked = gl.createProgram()
   for (const [stage, kind, main] of [['vert', gl.VERTEX_SHADER, vertex], ['frag', gl.FRAGMENT_SHADER, fragment]]) {
     const shader = gl.createShader(kind)
-    const head = '#version 300 es\nprecision highp float;\n'
+    const head = `#version 300 es\nprecision highp float;\n${isPlain ? PLAIN : ''}`
     gl.shaderSource(shader, head + shaders[`lightkiln.${stage}.glsl`] + shaders[`programs/${main}.${stage}.glsl`])
     gl.compileShader(shader)
     if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw Error(name + gl.getShaderInfoLog(shader))
@@ -41,14 +45,19 @@ function atlas({ channels, levels }) {
   })
 }
 
+function plainAtlas({ channels, levels: [texels] }) {
+  const [stored, format] = channels === 1 ? [gl.R8, gl.RED] : [gl.RGB8, gl.RGB]
+  return texture(gl.TEXTURE_2D, [gl.LINEAR, gl.LINEAR], () =>
+    gl.texImage2D(gl.TEXTURE_2D, 0, stored, ...stack, 0, format, gl.UNSIGNED_BYTE, new Uint8Array(texels)))
+}
+
 /** The curve of a layer, as lightkiln_light::Scale has it. */
 const perceived = (x, white) => (white > 0 ? (Math.sign(x) * Math.log1p((15 * Math.abs(x)) / white)) / Math.log(16) : x)
 
 function run() {
   if (!gl.getExtension('EXT_color_buffer_float')) throw Error('no float targets')
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1)
-  const grey = atlas(textures.grey)
-  const colored = textures.colored.map(atlas)
+  const made = [atlas, plainAtlas].map((make) => ({ grey: make(textures.grey), colored: textures.colored.map(make) }))
   const nearest = [gl.NEAREST, gl.NEAREST]
   const table = texture(gl.TEXTURE_2D, nearest, () =>
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, ...textures.table_size, 0, gl.RGB, gl.UNSIGNED_BYTE, new Uint8Array(textures.table)))
@@ -58,8 +67,11 @@ function run() {
   gl.viewport(0, 0, pixels, pixels)
   const programs = {}
   const results = {}
-  for (const test of cases) {
-    const used = (programs[test.program] ??= program(test.program))
+  for (const [test, isPlain] of cases.flatMap((test) => [[test, false], [test, true]])) {
+    const name = isPlain ? `${test.program} plain` : test.program
+    const used = (programs[name] ??= program(test.program, isPlain))
+    const { grey, colored } = made[Number(isPlain)]
+    const kind = isPlain ? gl.TEXTURE_2D : gl.TEXTURE_2D_ARRAY
     gl.useProgram(used)
     const uniform = (name) => gl.getUniformLocation(used, name)
     const sampler = (name, unit, kind, bound) => {
@@ -68,15 +80,15 @@ function run() {
       gl.uniform1i(uniform(name), unit)
     }
     gl.uniformMatrix4fv(uniform('u_clip_from_object'), false, [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1])
-    gl.uniform2f(uniform('u_stack'), size[0], size[1] * pages)
-    gl.uniform2f(uniform('u_page'), ...size)
+    gl.uniform2f(uniform('u_stack'), ...stack)
+    gl.uniform2f(uniform('u_page'), ...(isPlain ? stack : size))
     gl.uniform2fv(uniform('u_clamp'), test.ends)
     if (test.program === 'sh') {
       gl.uniform3fv(uniform('u_scale'), [0, 1, 2, 3].flatMap(() => test.scale))
-      colored.forEach((bound, i) => sampler(`u_atlas_${i}`, i, gl.TEXTURE_2D_ARRAY, bound))
+      colored.forEach((bound, i) => sampler(`u_atlas_${i}`, i, kind, bound))
     } else {
       gl.uniform3fv(uniform('u_scale'), test.scale)
-      sampler('u_atlas', 0, gl.TEXTURE_2D_ARRAY, ['rgb', 'table'].includes(test.program) ? colored[0] : grey)
+      sampler('u_atlas', 0, kind, ['rgb', 'table'].includes(test.program) ? colored[0] : grey)
     }
     if (test.program === 'table') sampler('u_table', 5, gl.TEXTURE_2D, table)
     for (let i = 0; i < 8; i++) gl.disableVertexAttribArray(i)
@@ -99,8 +111,9 @@ function run() {
     const drawn = new Float32Array(pixels * pixels * 4)
     gl.readPixels(0, 0, pixels, pixels, gl.RGBA, gl.FLOAT, drawn)
     const [, extent, white] = test.scale
-    const result = (results[`${test.program} ${white ? 'log' : 'linear'}`] ??= { largest: 0, compared: 0 })
-    test.expected.forEach((expected, pixel) => expected?.forEach((light, channel) => {
+    const result = (results[`${name} ${white ? 'log' : 'linear'}`] ??= { largest: 0, compared: 0 })
+    const pictures = isPlain ? test.plain : test.expected
+    pictures.forEach((expected, pixel) => expected?.forEach((light, channel) => {
       const difference = Math.abs(perceived(drawn[4 * pixel + channel], white) - perceived(light, white)) / extent
       result.largest = Math.max(result.largest, Number.isNaN(difference) ? Infinity : difference)
       result.compared++

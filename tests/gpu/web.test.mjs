@@ -6,7 +6,8 @@ import { test } from 'node:test'
 import { fileURLToPath } from 'node:url'
 import { startBrowser } from '../../viewer/tests/browser.mjs'
 
-const PROGRAMS = ['scalar', 'rgb', 'table', 'interop', 'clamped'].flatMap((name) => [`${name} linear`, `${name} log`]).concat('sh linear')
+const PROGRAMS = ['', ' plain'].flatMap((kind) => ['scalar', 'rgb', 'table', 'interop', 'clamped'].flatMap((name) =>
+  [`${name}${kind} linear`, `${name}${kind} log`]).concat(`sh${kind} linear`))
 
 test('WebGL 2 shows what the CPU twin says', async (t) => {
   const browser = await startBrowser({ root: fileURLToPath(new URL('../../out', import.meta.url)) })

@@ -55,8 +55,9 @@ export class Light {
       if (width !== this.pageSize[0] || height !== this.pageSize[1]) {
         throw new Error(`pages have ${width} x ${height} texels, not the ${this.pageSize.join(' x ')} that the file names`)
       }
-      layer.atlas = clamped(new RawTexture2DArray(data, width, height, layers, format, this.scene, false, false,
-        Texture.BILINEAR_SAMPLINGMODE, typeOf(half)))
+      const settings = [format, this.scene, false, false, Texture.BILINEAR_SAMPLINGMODE, typeOf(half)]
+      layer.atlas = clamped(layers === 1 ? new RawTexture(data, width, height, ...settings)
+        : new RawTexture2DArray(data, width, height, layers, ...settings))
     }
     if (layer.palette === undefined) {
       const { data, width, height, half } = pack([await readTexture(layer.table)], channels)
@@ -104,6 +105,7 @@ export class Light {
 
 function clamped(texture) {
   texture.wrapU = texture.wrapV = Texture.CLAMP_ADDRESSMODE
+  texture.anisotropicFilteringLevel = 1 // more would ask for derivatives, which the lookup has not
   texture.gammaSpace = false
   return texture
 }

@@ -2,7 +2,7 @@
 // Schaefer et al. 2012, section 4.3; its twin in plain JavaScript is decode.js.
 //
 // A layer here is one of `readExtension` with three more fields: `role`, and `atlas` and `palette`, which are null where the
-// layer has no pages or no table.
+// layer has no pages or no table. An atlas is a 2D texture where there is one page, else an array of them; without mip levels.
 
 import {
   COLOR_FLAG, COLOR_STEPS, CURVE_BASE, CURVE_KNEE, ETA_EPSILON, INTEROP_COLOR, RGB_SHIFTS, RGB_STEPS, SH_AXIS, SH_CONSTANT, SH_DIFFERENCE,
@@ -89,21 +89,22 @@ export function fragmentDeclarations(layers) {
   const uniforms = layers.map(({ index, pages, ...layer }) => `
 varying highp ${typeOf(layer)} vLightkilnColor${index};
 uniform highp vec3 lightkilnScale${index}; // P(low), P(high) - P(low), white or 0
-${pages.length === 0 ? '' : `uniform highp sampler2DArray lightkilnAtlas${index};`}`)
+${pages.length === 0 ? '' : `uniform highp sampler2D${pages.length === 1 ? '' : 'Array'} lightkilnAtlas${index};`}`)
   return `
 varying highp vec3 vLightkilnPlace;
 uniform float lightkilnOcclusionIntensity;
 uniform float lightkilnIrradianceIntensity;
 uniform float lightkilnShadowIntensity;
 ${uniforms.join('')}
-// The level is given: the lookup stands inside of a branch, and coarser levels would mix charts.
+// The lookups stand inside of a branch, where derivatives are undefined: nothing depends on them, for there is one mip level
+// and no anisotropy.
 highp vec3 lightkilnLookup(highp sampler2DArray atlas) {
   highp vec2 uv = vLightkilnPlace.xy / vLightkilnPlace.z;
   highp float page = clamp(floor(uv.y), 0.0, float(textureSize(atlas, 0).z - 1));
-  return textureLod(atlas, vec3(uv.x, uv.y - page, page), 0.0).rgb;
+  return texture(atlas, vec3(uv.x, uv.y - page, page)).rgb;
 }
-highp vec3 lightkilnLookupPage(highp sampler2DArray atlas) {
-  return textureLod(atlas, vec3(vLightkilnPlace.xy / vLightkilnPlace.z, 0.0), 0.0).rgb;
+highp vec3 lightkilnLookupPage(highp sampler2D atlas) {
+  return texture(atlas, vLightkilnPlace.xy / vLightkilnPlace.z).rgb;
 }
 ${['float', 'vec3'].map((type) => `
 highp ${type} lightkilnUndo(highp ${type} unit, highp vec3 scale) {

@@ -15,7 +15,7 @@ const numbers = async (name) => (await fetch(`/files/${name}`)).arrayBuffer()
 const [ours, main, oursFragment] = await Promise.all(
   ['lightkiln.vert.glsl', 'programs/scalar.vert.glsl', 'lightkiln.frag.glsl'].map((file) => text(`/shaders/${file}`)))
 
-/** As shaders/README.md has it for where nothing is minified, and as the packages do. */
+/** As shaders/README.md has it, and as the packages do. */
 const ONE_LEVEL = '#define LIGHTKILN_ONE_LEVEL\n'
 const ONE_PAGE = '#define LIGHTKILN_ONE_PAGE\n'
 
@@ -37,7 +37,7 @@ void main() {
 }`
 /** Occlusion is stored as it is shown, so neither way has a curve to undo. */
 const OCCLUSION = `
-uniform highp sampler2DArray u_atlas;
+uniform LIGHTKILN_ATLAS u_atlas;
 in vec3 v_place;
 in float v_color;
 out vec4 o_color;
@@ -72,7 +72,7 @@ function program({ vertex, fragment }) {
   return linked
 }
 
-async function mesh(name, kind) {
+async function mesh(name, isNormalized) {
   const array = gl.createVertexArray()
   gl.bindVertexArray(array)
   const buffer = async (part, target) => {
@@ -81,33 +81,35 @@ async function mesh(name, kind) {
     gl.bufferData(target, data, gl.STATIC_DRAW)
     return data.byteLength
   }
-  const attribute = (at, size, kind) => {
+  const attribute = (at, size, kind, isNormalized) => {
     gl.enableVertexAttribArray(at)
-    gl.vertexAttribPointer(at, size, kind, false, 0, 0)
+    gl.vertexAttribPointer(at, size, kind, isNormalized, 0, 0)
   }
   await buffer('positions', gl.ARRAY_BUFFER)
-  attribute(0, 3, gl.FLOAT)
+  attribute(0, 3, gl.FLOAT, false)
   await buffer('attributes', gl.ARRAY_BUFFER)
-  attribute(1, 2, kind)
+  attribute(1, 2, gl.UNSIGNED_SHORT, isNormalized)
   const count = (await buffer('indices', gl.ELEMENT_ARRAY_BUFFER)) / 4
   gl.bindVertexArray(null)
   return { array, count }
 }
 
-function texture(target, levels, wrap, [width, height, depth], data) {
+/** The pages of a way: one, or an array of them. */
+function texture([width, height, count], levels, data) {
+  const target = count === 1 ? gl.TEXTURE_2D : gl.TEXTURE_2D_ARRAY
   const made = gl.createTexture()
   gl.bindTexture(target, made)
   if (target === gl.TEXTURE_2D) {
     gl.texStorage2D(target, levels, gl.R8, width, height)
     gl.texSubImage2D(target, 0, 0, 0, width, height, gl.RED, gl.UNSIGNED_BYTE, data)
   } else {
-    gl.texStorage3D(target, levels, gl.R8, width, height, depth)
-    gl.texSubImage3D(target, 0, 0, 0, 0, width, height, depth, gl.RED, gl.UNSIGNED_BYTE, data)
+    gl.texStorage3D(target, levels, gl.R8, width, height, count)
+    gl.texSubImage3D(target, 0, 0, 0, 0, width, height, count, gl.RED, gl.UNSIGNED_BYTE, data)
   }
   if (levels > 1) gl.generateMipmap(target)
   gl.texParameteri(target, gl.TEXTURE_MIN_FILTER, levels > 1 ? gl.LINEAR_MIPMAP_LINEAR : gl.LINEAR)
   gl.texParameteri(target, gl.TEXTURE_MAG_FILTER, gl.LINEAR)
-  for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(target, name, wrap)
+  for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(target, name, gl.CLAMP_TO_EDGE)
   return { target, made }
 }
 
@@ -134,25 +136,28 @@ async function time(gl, draw) {
  *
  * - returns: for each of the two, a function that draws it with a camera
  */
-async function inMaterial(side, [width, height], pages, stack, full) {
+async function inMaterial(sizes, pages) {
   const renderer = new THREE.WebGLRenderer({ antialias: false, preserveDrawingBuffer: true })
   renderer.setSize(canvas.width, canvas.height, false)
   const environment = new THREE.PMREMGenerator(renderer).fromScene(new RoomEnvironment()).texture
-  const linear = (texture, wrap) => Object.assign(texture, {
-    minFilter: THREE.LinearFilter, magFilter: THREE.LinearFilter, wrapS: wrap, wrapT: wrap, format: THREE.RedFormat, unpackAlignment: 1, needsUpdate: true,
-  })
-  const aoMap = linear(new THREE.DataTexture(full, side, side), THREE.RepeatWrapping)
+  const texture = (name) => {
+    const [width, height, count] = sizes[name]
+    const made = count === 1 ? new THREE.DataTexture(pages[name], width, height) : new THREE.DataArrayTexture(pages[name], width, height, count)
+    const filter = { minFilter: THREE.LinearFilter, magFilter: THREE.LinearFilter, format: THREE.RedFormat, unpackAlignment: 1 }
+    return Object.assign(made, filter, { needsUpdate: true })
+  }
+  const aoMap = texture('lightmap')
   aoMap.channel = 1
-  const atlas = linear(new THREE.DataArrayTexture(stack, width, height, pages), THREE.ClampToEdgeWrapping)
+  const [width, height, count] = sizes.hybrid
   const light = new Light([{ index: 0, signal: 'ambientOcclusion', attribute: '_LIGHTUV', channels: 1, form: 'scalar', role: 'occlusion',
-    scale: { low: 0, extent: 1, white: 0 }, clamp: null, pages: [...Array(pages).keys()], atlas, palette: null }], [width, height])
+    scale: { low: 0, extent: 1, white: 0 }, clamp: null, pages: [...Array(count).keys()], atlas: texture('hybrid'), palette: null }], [width, height])
   const camera = new THREE.Camera()
   camera.matrixWorldAutoUpdate = false
-  const drawer = async (name, attribute, Numbers, material) => {
+  const drawer = async (name, attribute, isNormalized, material) => {
     const geometry = new THREE.BufferGeometry()
     geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(await numbers(`${name}.positions`)), 3))
     geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(await numbers(`${name}.indices`)), 1))
-    geometry.setAttribute(attribute, new THREE.BufferAttribute(new Numbers(await numbers(`${name}.attributes`)), 2))
+    geometry.setAttribute(attribute, new THREE.BufferAttribute(new Uint16Array(await numbers(`${name}.attributes`)), 2, isNormalized))
     geometry.computeVertexNormals()
     const mesh = new THREE.Mesh(geometry, material)
     mesh.frustumCulled = false
@@ -167,22 +172,23 @@ async function inMaterial(side, [width, height], pages, stack, full) {
   }
   return {
     gl: renderer.getContext(),
-    'material, lightmap': await drawer('lightmap', 'uv1', Float32Array, new THREE.MeshStandardMaterial({ roughness: 0.6, aoMap })),
-    'material, hybrid': await drawer('hybrid', '_lightuv', Uint16Array, new THREE.MeshStandardMaterial({ roughness: 0.6 })),
+    'material, lightmap': await drawer('lightmap', 'uv1', true, new THREE.MeshStandardMaterial({ roughness: 0.6, aoMap })),
+    'material, hybrid': await drawer('hybrid', '_lightuv', false, new THREE.MeshStandardMaterial({ roughness: 0.6 })),
   }
 }
 
-/** Loads what there is to draw; returns the names of the ways, and what the pictures and the renderer are. */
-globalThis.prepare = async ({ side, pageSize, pages, cameras }) => {
+/** Loads what there is to draw, `sizes` being those of pages and their numbers; returns the names of the ways, and what the pictures and the renderer are. */
+globalThis.prepare = async ({ sizes, cameras }) => {
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1)
-  const meshes = { hybrid: await mesh('hybrid', gl.UNSIGNED_SHORT), lightmap: await mesh('lightmap', gl.FLOAT) }
-  const stack = new Uint8Array(pageSize[0] * pageSize[1] * pages)
-  for (let i = 0; i < pages; i++) stack.set(new Uint8Array(await numbers(`page.${i}`)), i * pageSize[0] * pageSize[1])
-  const full = Uint8Array.from({ length: side * side }, (_, i) => 100 + 100 * Math.sin(i / 40))
-  const levels = Math.floor(Math.log2(side)) + 1
-  const atlas = (count) => texture(gl.TEXTURE_2D_ARRAY, count, gl.CLAMP_TO_EDGE, [...pageSize, pages], stack)
-  const lightmap = (count) => texture(gl.TEXTURE_2D, count, gl.REPEAT, [side, side], full)
-  const textures = { lightmap: lightmap(1), lightmapLevels: lightmap(levels), atlas: atlas(1), atlasLevels: atlas(2) }
+  const meshes = { hybrid: await mesh('hybrid', false), lightmap: await mesh('lightmap', true) }
+  const pages = {}
+  for (const [name, [width, height, count]] of Object.entries(sizes)) {
+    pages[name] = new Uint8Array(width * height * count)
+    for (let i = 0; i < count; i++) pages[name].set(new Uint8Array(await numbers(`${name}.page.${i}`)), i * width * height)
+  }
+  const of = (name, levels) => texture(sizes[name], levels, pages[name])
+  const levels = Math.floor(Math.log2(Math.max(...sizes.lightmap))) + 1
+  const textures = { lightmap: of('lightmap', 1), lightmapLevels: of('lightmap', levels), atlas: of('hybrid', 1), atlasLevels: of('hybrid', 2) }
   gl.viewport(0, 0, canvas.width, canvas.height)
   gl.enable(gl.DEPTH_TEST)
 
@@ -190,7 +196,7 @@ globalThis.prepare = async ({ side, pageSize, pages, cameras }) => {
     gl.useProgram(program)
     gl.bindVertexArray(meshes[way.mesh].array)
     if (way.texture !== undefined) gl.bindTexture(textures[way.texture].target, textures[way.texture].made)
-    gl.uniform2f(gl.getUniformLocation(program, 'u_page'), ...pageSize)
+    gl.uniform2f(gl.getUniformLocation(program, 'u_page'), ...sizes.hybrid.slice(0, 2))
     return gl.getUniformLocation(program, 'u_clip_from_object')
   }
   const drawn = (way, matrix, camera) => {
@@ -210,9 +216,9 @@ globalThis.prepare = async ({ side, pageSize, pages, cameras }) => {
     for (let i = 0; i < pixels.length; i += 4) if (pixels[i] > 0) counts[pixels[i] > 200 ? 1 : 0]++
   }
 
-  const macros = pages === 1 ? ONE_PAGE : ''
+  const macros = sizes.hybrid[2] === 1 ? ONE_PAGE : ''
   const programs = Object.fromEntries(Object.entries(WAYS).map(([name, way]) => [name, program({ ...way, fragment: macros + way.fragment })]))
-  const material = await inMaterial(side, pageSize, pages, stack, full)
+  const material = await inMaterial(sizes, pages)
   /** Milliseconds of a picture of each camera, so many times. */
   globalThis.frames = (name, repeats) => time(material[name] ? material.gl : gl, () => {
     const matrix = material[name] ? null : bind(WAYS[name], programs[name])

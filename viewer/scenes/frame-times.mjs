@@ -1,35 +1,24 @@
-// What showing light costs: frame times of the same triangles with the light of a baked file in several ways, in one run.
+// What showing light costs: frame times of the same triangles with the light of a baked file and with a full lightmap, in one run.
 //
-//   node frame-times.mjs FILE.glb ... [--rounds 60]
+//   node frame-times.mjs HYBRID.glb=LIGHTMAP.glb ... [--rounds 40] [--angle default]
 //
-// Prints a table in Markdown: drawing light alone, and a physical material of three.js that the light dims. Ways take turns in
-// each round, and ratios are medians of those of all rounds, so that what else the machine does meets all of them alike. Times
-// are those of the GPU's clock where it has one; of a software renderer, the processor time that the browser's GPU process took.
+// `--angle` is what the browser draws with, as ANGLE calls it: the GPU where it has one (default), swiftshader, gl-egl (Mesa), ...
+// The two files are bakes of one scene, the second with `--profile lightmap`. Prints a table in Markdown: drawing light alone, and a
+// physical material of three.js that the light dims. Ways take turns in each round, and ratios are medians of those of all
+// rounds, so that what else the machine does meets all of them alike. Times are those of the GPU's clock where it has one; of a
+// software renderer, the processor time that the browser's GPU process took.
 
-import { readFileSync } from 'node:fs'
+import { existsSync, readFileSync, readdirSync } from 'node:fs'
 import { basename } from 'node:path'
 import { fileURLToPath } from 'node:url'
-import { SUBTEXELS, isColor, readExtension, readPng } from 'lightkiln-format'
+import { EXTENSION, readExtension, readPng } from 'lightkiln-format'
 import { startBrowser } from '../tests/browser.mjs'
 import { imageBytes, readGlb } from '../tests/glb.mjs'
+import { readOcclusion } from '../tests/occlusion.mjs'
 import { VIEWS, cameraFor } from '../tests/raster.mjs'
 import { readScene } from '../tests/scene.mjs'
 
-/** Share of a full lightmap that charts fill; packers manage about half. */
-const FILL = 0.5
-
-const minus = (a, b) => a.map((x, k) => x - b[k])
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 const median = (numbers) => numbers.toSorted((a, b) => a - b)[numbers.length >> 1]
-
-/** Texels along a metre of the texture triangles: the middle one. */
-function densityOf(triangles) {
-  const rates = triangles.filter(({ codes: [codes] }) => !codes.some(isColor)).map(({ corners, codes: [codes] }) => {
-    const texels = Math.hypot(...[0, 1].map((k) => (codes[1][k] - codes[0][k]) / SUBTEXELS))
-    return texels / Math.hypot(...minus(corners[1], corners[0]))
-  })
-  return median(rates.filter((rate) => rate > 0 && Number.isFinite(rate)))
-}
 
 /** An indexed mesh whose vertices are told apart by position and attribute. */
 function indexed(triangles, attributeOf) {
@@ -47,28 +36,29 @@ function indexed(triangles, attributeOf) {
   return { vertices: numbers.size, indices: Uint32Array.from(indices), positions: Float32Array.from(positions), attributes }
 }
 
-/** The same triangles with codes, and with texture coordinates of a full lightmap of equal density. */
-async function readMeshes(bytes) {
-  const file = readGlb(bytes)
-  const { pageSize, layers: [layer] } = readExtension(file.json)
-  if (layer.channels !== 1) throw new Error('the first layer must have one channel')
-  const triangles = (await readScene(bytes)).triangles.filter(({ codes }) => codes !== null)
-  const density = densityOf(triangles)
-  const area = triangles.reduce((sum, { corners: [a, b, c] }) => sum + Math.hypot(...cross(minus(b, a), minus(c, a))) / 2, 0)
-  const side = Math.ceil(Math.sqrt((area * density ** 2) / FILL))
-  const hybrid = indexed(triangles, ({ codes }, k) => codes[0][k])
-  // Charts as good as they can be: each a side of the box around things, wrapped around the texture, so that neighbours are
-  // neighbours in it and few vertices are split.
-  const lightmap = indexed(triangles, ({ corners }, k) => {
-    const normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0])).map(Math.abs)
-    const axis = normal.indexOf(Math.max(...normal))
-    return [...corners[k].toSpliced(axis, 1).map((x) => (x * density) / side), axis]
-  })
-  const pages = await Promise.all(layer.pages.map((texture) => readPng(imageBytes(file, texture))))
-  const eightBits = ({ data, bits }) => (bits === 16 ? Uint8Array.from(data, (x) => x >> 8) : data)
+/** The same triangles with codes, and with the texture coordinates of a lightmap; each with its pages. */
+async function readMeshes(hybridBytes, lightmapBytes) {
+  const [hybrid, lightmap] = [readGlb(hybridBytes), readGlb(lightmapBytes)]
+  const { pageSize, layers: [layer] } = readExtension(hybrid.json)
+  const full = lightmap.json.extensions[EXTENSION]
+  if (full.profile !== 'lightmap') throw new Error(`a bake of the profile ${full.profile}, not lightmap`)
+  if (layer.channels !== 1 || full.layers[0].signal !== layer.signal) throw new Error('the first layers must be one signal of one channel')
+  const lit = ({ codes }) => codes !== null
+  const triangles = (await readScene(hybridBytes)).triangles.filter(lit)
+  const mapped = (await readOcclusion(lightmapBytes)).triangles.filter(lit)
+  if (mapped.length !== triangles.length) throw new Error(`${triangles.length} triangles with light, ${mapped.length} in the lightmap`)
+  const page = async (file, texture) => {
+    const { data, bits } = await readPng(imageBytes(file, texture))
+    return bits === 16 ? Uint8Array.from(data, (x) => x >> 8) : data
+  }
+  const shorts = ({ attributes, ...mesh }) => ({ ...mesh, attributes: Uint16Array.from(attributes) })
   return {
-    triangles, side, pageSize, pages: pages.map(eightBits), hybrid: { ...hybrid, attributes: Uint16Array.from(hybrid.attributes) },
-    lightmap: { ...lightmap, attributes: Float32Array.from(lightmap.attributes).filter((_, i) => i % 3 < 2) },
+    triangles,
+    hybrid: { ...shorts(indexed(triangles, ({ codes }, k) => codes[0][k])), size: pageSize, pages: await Promise.all(layer.pages.map((texture) => page(hybrid, texture))) },
+    lightmap: {
+      ...shorts(indexed(mapped, ({ codes }, k) => codes[k].map((x) => Math.round(65535 * x)))), size: full.pageSize,
+      pages: [await page(lightmap, full.layers[0].pages[0])],
+    },
   }
 }
 
@@ -85,20 +75,31 @@ function clipFromWorld({ right, up, toward, center, half }, aspect) {
 }
 
 const files = process.argv.slice(2)
-const option = files.indexOf('--rounds')
-const rounds = option < 0 ? 60 : Number(files.splice(option, 2)[1])
-if (files.length === 0 || !(rounds > 0)) {
-  console.error('usage: frame-times.mjs FILE.glb ... [--rounds 60]')
+const option = (name, fallback) => {
+  const at = files.indexOf(name)
+  return at < 0 ? fallback : files.splice(at, 2)[1]
+}
+const rounds = Number(option('--rounds', 40))
+const angle = option('--angle', 'default')
+const pairs = files.map((pair) => pair.split('='))
+if (pairs.length === 0 || pairs.some((pair) => pair.length !== 2) || !(rounds > 0)) {
+  console.error('usage: frame-times.mjs HYBRID.glb=LIGHTMAP.glb ... [--rounds 40] [--angle default]')
   process.exit(1)
 }
 
-const { browser, files: served, open, close } = await startBrowser({ root: fileURLToPath(new URL('../..', import.meta.url)) })
+const { browser, files: served, open, close } = await startBrowser({
+  root: fileURLToPath(new URL('../..', import.meta.url)), flags: [`--use-angle=${angle}`, '--ignore-gpu-blocklist'],
+})
 const session = await browser.newBrowserCDPSession()
 
-/** Seconds of all cores that drawing has taken. */
+/** Seconds of all cores that drawing has taken: by Linux's scheduler to the nanosecond, else as the browser has them. */
 async function processorTime() {
   const { processInfo } = await session.send('SystemInfo.getProcessInfo')
-  return processInfo.find(({ type }) => type === 'GPU').cpuTime
+  const { id, cpuTime } = processInfo.find(({ type }) => type === 'GPU')
+  const tasks = `/proc/${id}/task`
+  if (!existsSync(tasks)) return cpuTime
+  const taken = readdirSync(tasks).map((task) => Number(readFileSync(`${tasks}/${task}/schedstat`, 'utf8').split(' ')[0]))
+  return taken.reduce((sum, ns) => sum + ns / 1e9, 0)
 }
 
 /** Milliseconds of each way, a number per round. */
@@ -129,23 +130,23 @@ async function takeTimes(page, { names, renderer }) {
 try {
   const rows = []
   let about
-  for (const path of files) {
-    const meshes = await readMeshes(new Uint8Array(readFileSync(path)))
-    for (const name of ['hybrid', 'lightmap']) {
-      for (const part of ['positions', 'attributes', 'indices']) served.set(`${name}.${part}`, Buffer.from(meshes[name][part].buffer))
+  for (const [path, ofLightmap] of pairs) {
+    const { triangles, ...meshes } = await readMeshes(...[path, ofLightmap].map((file) => new Uint8Array(readFileSync(file))))
+    for (const [name, mesh] of Object.entries(meshes)) {
+      for (const part of ['positions', 'attributes', 'indices']) served.set(`${name}.${part}`, Buffer.from(mesh[part].buffer))
+      mesh.pages.forEach((page, i) => served.set(`${name}.page.${i}`, Buffer.from(page)))
     }
-    meshes.pages.forEach((page, i) => served.set(`page.${i}`, Buffer.from(page)))
     const { page, complaints } = await open('/viewer/scenes/frame-times.html')
-    const cameras = VIEWS.map((view) => clipFromWorld(cameraFor(meshes.triangles, view), 1920 / 1080))
-    const { side, pageSize, pages } = meshes
-    const prepared = await page.evaluate((job) => globalThis.prepare(job), { side, pageSize, pages: pages.length, cameras })
+    const cameras = VIEWS.map((view) => clipFromWorld(cameraFor(triangles, view), 1920 / 1080))
+    const sizes = Object.fromEntries(Object.entries(meshes).map(([name, { size, pages }]) => [name, [...size, pages.length]]))
+    const prepared = await page.evaluate((job) => globalThis.prepare(job), { sizes, cameras })
     const taken = await takeTimes(page, prepared)
     await page.close()
     if (complaints.length > 0) throw new Error(complaints.join('\n'))
     about = taken.about
     const ms = (name) => median(taken.times[name]).toFixed(1)
     const pair = (a, b) => [ms(a), ms(b), median(taken.times[b].map((time, i) => time / taken.times[a][i])).toFixed(2)]
-    rows.push([basename(path, '.glb').replace('.baked', ''), meshes.triangles.length, `${meshes.hybrid.vertices} / ${meshes.lightmap.vertices}`,
+    rows.push([basename(path, '.glb').replace('.baked', ''), triangles.length, `${meshes.hybrid.vertices} / ${meshes.lightmap.vertices}`,
       `${(100 * prepared.textured).toFixed(0)} %`, ms('nothing'), ms('vertices'), ...pair('lightmap', 'hybrid'),
       ...pair('lightmap, levels', 'hybrid, levels'), ...pair('material, lightmap', 'material, hybrid')])
     console.error(rows.at(-1).join('  '))

@@ -28,7 +28,7 @@ export interface NodeSupport {
 /** The light of a file: `gltf.userData.lightkiln`, undefined for files without. */
 export class Light {
   /** All layers of the file; those whose role is `'none'` have no textures. */
-  readonly layers: (Layer & { role: Role; atlas: DataArrayTexture | null; palette: DataTexture | null })[]
+  readonly layers: (Layer & { role: Role; atlas: DataTexture | DataArrayTexture | null; palette: DataTexture | null })[]
   /** What materials with light share. Shaders of your own may use them. */
   readonly uniforms: Record<string, IUniform>
   occlusionIntensity: number

@@ -25,7 +25,7 @@ export class Light {
         const used = { ...layer, role: role(layer, layers) ?? 'none', atlas: null, palette: null }
         if (used.role === 'none') return used
         const pages = await Promise.all(layer.pages.map(readTexture))
-        if (pages.length > 0) used.atlas = arrayTexture(pages, layer, pageSize)
+        if (pages.length > 0) used.atlas = atlasTexture(pages, layer, pageSize)
         if (layer.table !== null) used.palette = tableTexture(await readTexture(layer.table), layer)
         return used
       }),
@@ -163,11 +163,13 @@ export class Light {
   }
 }
 
-function arrayTexture(pages, { channels }, [width, height]) {
+/** The lookup of lightkiln-format: an array of pages, or one page. */
+function atlasTexture(pages, { channels }, [width, height]) {
   const page = pages.findIndex((page) => page.width !== width || page.height !== height)
   if (page >= 0) throw new Error(`page ${page} has not the ${width} x ${height} texels that the file names`)
   const { data, layers, half, ...packed } = pack(pages, channels === 1 ? 1 : 4)
-  return numbers(new DataArrayTexture(data, width, height, layers), packed.channels, half, LinearFilter)
+  const texture = layers === 1 ? new DataTexture(data, width, height) : new DataArrayTexture(data, width, height, layers)
+  return numbers(texture, packed.channels, half, LinearFilter)
 }
 
 function tableTexture(image, { channels }) {

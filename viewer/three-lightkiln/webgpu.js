@@ -23,22 +23,25 @@ const CLASSES = {
 /** A layer as a node: three numbers as stored in 0..1, gray for scalar layers. */
 export function storedLight(layer) {
   const { isColor, texel: at, color: own } = layer.stack ? pairOf(layer) : codeOf(layer)
-  const place = varying(select(isColor, vec3(0), vec3(at, 1)))
   const color = varying(select(isColor, own, vec3(0)))
   if (layer.atlas === null) return color
+  const { width, height, depth } = layer.atlas.image
+  const place = varying(select(isColor, vec3(0), vec3(at.div(vec2(width, height)), 1)))
   return Fn(() => {
     const unit = color.toVar()
     If(place.z.greaterThan(ETA_EPSILON), () => {
-      const { width, height, depth } = layer.atlas.image
-      const position = place.xy.div(place.z).toVar()
-      const page = clamp(floor(position.y.div(height)), 0, depth - 1).toVar()
-      const uv = vec2(position.x.div(width), position.y.sub(page.mul(height)).div(height))
-      // The level is given: the lookup stands inside of a branch, and coarser levels would mix charts.
-      const texel = texture(layer.atlas, uv).depth(int(page)).level(0)
+      const uv = place.xy.div(place.z).toVar()
+      // The level is given: the lookup stands inside of a branch, which WGSL does not let derivatives into.
+      const texel = layer.pages.length === 1 ? texture(layer.atlas, uv).level(0) : ofPages(layer.atlas, uv, depth)
       unit.addAssign((layer.channels === 1 ? texel.rrr : texel.rgb).mul(place.z))
     })
     return unit
   })()
+}
+
+function ofPages(atlas, uv, count) {
+  const page = clamp(floor(uv.y), 0, count - 1).toVar()
+  return texture(atlas, vec2(uv.x, uv.y.sub(page))).depth(int(page)).level(0)
 }
 
 /** What a vertex stores, as an integer code. */

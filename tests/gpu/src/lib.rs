@@ -4,7 +4,7 @@
 //! | user | GPU |
 //! |---|---|
 //! | `tests/vulkan.rs` | the WGSL, by wgpu on Vulkan |
-//! | `page.rs` with `page.js` and `web.test.mjs` | the GLSL, by WebGL 2 in a browser |
+//! | `page.rs` with `page.js` and `web.test.mjs` | the GLSL, by WebGL 2 in a browser, with the macros for cheaper lookups and without |
 //!
 //! Two kinds of cases: random triangles with texels, colors and scales of every form, large and small enough to read
 //! the second mip level; and a board with every case of Schaefer et al. 2012, section 4.3, and a seam, on an atlas of
@@ -112,19 +112,22 @@ pub struct Case {
     /// Light in the signal's unit, row by row from the bottom (clip space's lower end); `None` where nothing is
     /// drawn or where the pixel's middle lies on an edge or between two levels.
     pub expected: Vec<Option<[f32; 3]>>,
+    /// The same without mip levels: all pages, one under the other, as one page of one level.
+    pub plain: Vec<Option<[f32; 3]>>,
 }
 
 impl Case {
     /// How far drawn light is from what is expected, as stored: in steps of 1 from one end of the range to the other.
     ///
     /// - `drawn`: RGBA per pixel, in the order of `expected`
+    /// - `expected`: that or `plain`
     /// - returns: the largest difference, infinite where a number is NaN, and how many pixels were compared
-    pub fn difference(&self, drawn: &[[f32; 4]]) -> (f32, usize) {
+    pub fn difference(&self, drawn: &[[f32; 4]], expected: &[Option<[f32; 3]>]) -> (f32, usize) {
         let [_, extent, white] = self.scale;
         let scale = if white > 0.0 { Scale::log(white, 0.0, white) } else { Scale::UNIT };
         let mut largest = 0.0_f32;
         let mut compared = 0;
-        for (drawn, expected) in drawn.iter().zip(&self.expected) {
+        for (drawn, expected) in drawn.iter().zip(expected) {
             let Some(expected) = expected else { continue };
             compared += 1;
             for channel in 0..3 {
@@ -326,25 +329,33 @@ fn drawn(
         let light = unit.map(|unit| unscale(unit, uniform));
         Vec3::from(if program == Program::Clamped { light.map(|light| clamp(light, ends)) } else { light })
     };
-    let expected = (0..PIXELS * PIXELS).map(|pixel| {
-        let middle = [pixel % PIXELS, pixel / PIXELS].map(|i| i as f32 + 0.5);
-        let (number, weights) = triangles
-            .iter()
-            .map(|triangle| barycentric(*triangle, middle))
-            .enumerate()
-            .find(|(_, weights)| weights.iter().all(|weight| *weight > 1e-3))?;
-        let corners = layers[0][number].map(|code| vertex(code, form));
-        let level = level(corners, weights, triangles[number])?;
+    let light = |triangle: usize, weights: [f32; 3], level: usize| {
         let light = match program {
             Program::Sh => {
-                let coefficients: Vec<Vec3> = (0..4).map(|k| shown(k, number, weights, level)).collect();
+                let coefficients: Vec<Vec3> = (0..4).map(|k| shown(k, triangle, weights, level)).collect();
                 harmonics::irradiance(&coefficients, normal).max(Vec3::ZERO)
             }
-            _ => shown(0, number, weights, level),
+            _ => shown(0, triangle, weights, level),
         };
-        Some(light.to_array())
-    });
-    let expected = expected.collect();
+        light.to_array()
+    };
+    // Of each pixel, the triangle that covers it, and where.
+    let covered: Vec<Option<(usize, [f32; 3])>> = (0..PIXELS * PIXELS)
+        .map(|pixel| {
+            let middle = [pixel % PIXELS, pixel / PIXELS].map(|i| i as f32 + 0.5);
+            triangles
+                .iter()
+                .map(|triangle| barycentric(*triangle, middle))
+                .enumerate()
+                .find(|(_, weights)| weights.iter().all(|weight| *weight > 1e-3))
+        })
+        .collect();
+    let level_at = |triangle: usize, weights: [f32; 3]| {
+        level(layers[0][triangle].map(|code| vertex(code, form)), weights, triangles[triangle])
+    };
+    let leveled = |(triangle, weights)| Some(light(triangle, weights, level_at(triangle, weights)?));
+    let expected = covered.iter().map(|at| at.and_then(leveled)).collect();
+    let plain = covered.iter().map(|at| at.map(|(triangle, weights)| light(triangle, weights, 0))).collect();
     let attribute = |code: &LightCode| match program {
         Program::Interop => code.interop([SIZE[0], SIZE[1] * PAGES], form),
         _ => code.0.map(f32::from),
@@ -357,6 +368,7 @@ fn drawn(
         positions: triangles.iter().flatten().map(|p| p.map(|x| 2.0 * x / PIXELS as f32 - 1.0)).collect(),
         attributes: layers.iter().map(|codes| codes.iter().flatten().map(attribute).collect()).collect(),
         expected,
+        plain,
     }
 }
 

@@ -2,6 +2,8 @@
 //!
 //! Any driver will do, that of a GPU or Mesa's lavapipe; without one the test fails. `VK_DRIVER_FILES` chooses.
 
+#![allow(clippy::print_stderr)] // which driver it was, and how far each program is off
+
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::sync::mpsc;
@@ -17,8 +19,13 @@ const TARGET: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 /// Bytes of a picture's row: 16 pixels of 16 bytes, which is what rows of a copy must be a multiple of.
 const ROW: u32 = PIXELS * 16;
 
-fn entries(program: Program) -> (&'static str, &'static str) {
+/// Programs whose fragment stage has a twin for one page without mip levels.
+const WITH_PLAIN: [Program; 2] = [Program::Scalar, Program::Interop];
+
+fn entries(program: Program, is_plain: bool) -> (&'static str, &'static str) {
     match program {
+        Program::Scalar if is_plain => ("vertex_scalar", "fragment_plain"),
+        Program::Interop if is_plain => ("vertex_interop", "fragment_plain"),
         Program::Scalar => ("vertex_scalar", "fragment_scalar"),
         Program::Rgb => ("vertex_rgb", "fragment_rgb"),
         Program::Table => ("vertex_table", "fragment_rgb"),
@@ -34,10 +41,11 @@ struct Gpu {
     queue: wgpu::Queue,
     layouts: [wgpu::BindGroupLayout; 2],
     grey: wgpu::TextureView,
+    plain: wgpu::TextureView,
     colored: Vec<wgpu::TextureView>,
     table: wgpu::TextureView,
     sampler: wgpu::Sampler,
-    pipelines: BTreeMap<Program, wgpu::RenderPipeline>,
+    pipelines: BTreeMap<(Program, bool), wgpu::RenderPipeline>,
 }
 
 impl Gpu {
@@ -76,8 +84,14 @@ impl Gpu {
             entry(3, both, texture(wgpu::TextureViewDimension::D2)),
         ]);
         let pages = texture(wgpu::TextureViewDimension::D2Array);
-        let atlases =
-            layout(&[0, 1, 2, 3].map(|binding| entry(binding, wgpu::ShaderStages::FRAGMENT, pages)));
+        let page = texture(wgpu::TextureViewDimension::D2);
+        let atlases = layout(
+            &[pages, pages, pages, pages, page]
+                .iter()
+                .zip(0..)
+                .map(|(&texture, binding)| entry(binding, wgpu::ShaderStages::FRAGMENT, texture))
+                .collect::<Vec<_>>(),
+        );
         let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
             mag_filter: wgpu::FilterMode::Linear,
             min_filter: wgpu::FilterMode::Linear,
@@ -88,6 +102,7 @@ impl Gpu {
         Ok(Self {
             pipelines: pipelines(&device, &layouts),
             grey: atlas(&device, &queue, &textures.grey),
+            plain: upload(&device, &queue, [SIZE[0], SIZE[1] * PAGES], 1, 1, &textures.grey.levels[0]),
             colored: textures.colored.iter().map(|colored| atlas(&device, &queue, colored)).collect(),
             table: upload(&device, &queue, textures.table_size, 1, 1, &rgba(&textures.table)),
             device,
@@ -97,8 +112,8 @@ impl Gpu {
         })
     }
 
-    /// RGBA per pixel, row by row from the lower end of clip space.
-    fn draw(&self, case: &Case) -> Result<Vec<[f32; 4]>, Box<dyn Error>> {
+    /// RGBA per pixel, row by row from the lower end of clip space; `is_plain`: of one page without mip levels.
+    fn draw(&self, case: &Case, is_plain: bool) -> Result<Vec<[f32; 4]>, Box<dyn Error>> {
         let target = self.device.create_texture(&wgpu::TextureDescriptor {
             label: None,
             size: wgpu::Extent3d { width: PIXELS, height: PIXELS, depth_or_array_layers: 1 },
@@ -109,7 +124,7 @@ impl Gpu {
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
             view_formats: &[],
         });
-        let groups = self.groups(case);
+        let groups = self.groups(case, is_plain);
         let buffers = self.vertices(case);
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
@@ -126,7 +141,7 @@ impl Gpu {
                 })],
                 ..Default::default()
             });
-            pass.set_pipeline(&self.pipelines[&case.program]);
+            pass.set_pipeline(&self.pipelines[&(case.program, is_plain)]);
             for (at, group) in groups.iter().enumerate() {
                 pass.set_bind_group(at as u32, group, &[]);
             }
@@ -167,7 +182,7 @@ impl Gpu {
         Ok(numbers.chunks(PIXELS as usize).rev().flatten().copied().collect())
     }
 
-    fn groups(&self, case: &Case) -> [wgpu::BindGroup; 2] {
+    fn groups(&self, case: &Case, is_plain: bool) -> [wgpu::BindGroup; 2] {
         let uniform = |numbers: &[f32]| {
             self.device.create_buffer_init(&BufferInitDescriptor {
                 label: None,
@@ -178,7 +193,7 @@ impl Gpu {
         let camera = uniform(&glam::Mat4::IDENTITY.to_cols_array());
         let [low, extent, white] = case.scale;
         let stack = [SIZE[0] as f32, (SIZE[1] * PAGES) as f32];
-        let page = SIZE.map(|n| n as f32);
+        let page = if is_plain { stack } else { SIZE.map(|n| n as f32) };
         let layers = uniform(
             &[[low, extent, white, 0.0].repeat(4), [stack, case.ends, page, [0.0; 2]].concat()].concat(),
         );
@@ -202,7 +217,7 @@ impl Gpu {
         );
         let atlases =
             (0..4).map(|layer| if case.program.is_grey() { &self.grey } else { &self.colored[layer] });
-        [shared, group(1, atlases.map(view).collect())]
+        [shared, group(1, atlases.chain([&self.plain]).map(view).collect())]
     }
 
     /// A buffer for each attribute, in the order of [`attributes`].
@@ -248,7 +263,7 @@ fn attributes(program: Program) -> Vec<(wgpu::VertexFormat, u64)> {
 fn pipelines(
     device: &wgpu::Device,
     layouts: &[wgpu::BindGroupLayout; 2],
-) -> BTreeMap<Program, wgpu::RenderPipeline> {
+) -> BTreeMap<(Program, bool), wgpu::RenderPipeline> {
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: None,
         source: wgpu::ShaderSource::Wgsl(WGSL.into()),
@@ -258,8 +273,8 @@ fn pipelines(
         bind_group_layouts: &[Some(&layouts[0]), Some(&layouts[1])],
         immediate_size: 0,
     });
-    let pipeline = |program| {
-        let (vertex, fragment) = entries(program);
+    let pipeline = |program, is_plain| {
+        let (vertex, fragment) = entries(program, is_plain);
         let attributes: Vec<_> = (0..)
             .zip(attributes(program))
             .map(|(shader_location, (format, bytes))| {
@@ -298,7 +313,9 @@ fn pipelines(
             cache: None,
         })
     };
-    Program::ALL.map(|program| (program, pipeline(program))).into()
+    let plain = WITH_PLAIN.map(|program| (program, true));
+    let all = Program::ALL.map(|program| (program, false)).into_iter().chain(plain);
+    all.map(|(program, is_plain)| ((program, is_plain), pipeline(program, is_plain))).collect()
 }
 
 fn atlas(device: &wgpu::Device, queue: &wgpu::Queue, atlas: &Atlas) -> wgpu::TextureView {
@@ -341,18 +358,27 @@ fn upload(
 fn vulkan_shows_what_the_cpu_twin_says() -> Result<(), Box<dyn Error>> {
     let (textures, cases) = cases();
     let gpu = Gpu::new(&textures)?;
-    let mut results: BTreeMap<(Program, bool), (f32, usize)> = BTreeMap::new();
-    for case in &cases {
-        let (difference, compared) = case.difference(&gpu.draw(case)?);
-        let result = results.entry((case.program, case.scale[2] > 0.0)).or_default();
+    let mut results: BTreeMap<_, (f32, usize)> = BTreeMap::new();
+    let mut compare = |case: &Case, is_plain| -> Result<(), Box<dyn Error>> {
+        let expected = if is_plain { &case.plain } else { &case.expected };
+        let (difference, compared) = case.difference(&gpu.draw(case, is_plain)?, expected);
+        let result = results.entry((case.program, is_plain, case.scale[2] > 0.0)).or_default();
         *result = (result.0.max(difference), result.1 + compared);
+        Ok(())
+    };
+    for case in &cases {
+        compare(case, false)?;
+        if WITH_PLAIN.contains(&case.program) {
+            compare(case, true)?;
+        }
     }
-    for ((program, is_log), (largest, compared)) in &results {
-        let curve = if *is_log { "log" } else { "linear" };
-        eprintln!("{program:?}, {curve}: off by {largest:.1e} at most, of {compared} pixels");
+    for ((program, is_plain, is_log), (largest, compared)) in &results {
+        let [plain, curve] =
+            [["", ", plain"][usize::from(*is_plain)], ["linear", "log"][usize::from(*is_log)]];
+        eprintln!("{program:?}{plain}, {curve}: off by {largest:.1e} at most, of {compared} pixels");
     }
-    assert_eq!(results.len(), 2 * Program::ALL.len() - 1);
-    for (program, (largest, compared)) in results {
+    assert_eq!(results.len(), 2 * (Program::ALL.len() + WITH_PLAIN.len()) - 1);
+    for ((program, ..), (largest, compared)) in results {
         assert!(compared > 1500, "{program:?}: only {compared} pixels");
         assert!(largest <= BOUND, "{program:?}: off by {largest}");
     }
