@@ -22,49 +22,48 @@ const float LIGHTKILN_SH_PRODUCT = 1.0925484305920792;
 const float LIGHTKILN_SH_AXIS = 0.31539156525252005;
 const float LIGHTKILN_SH_DIFFERENCE = 0.5462742152960396;
 
-// eta * tex(UV / eta). `place` is interpolated from `lightkilnVertexPlace`. To be called where all pixels pass:
-// derivatives are undefined inside of branches. Those of UV / eta follow from them by the quotient rule, and the level
-// from those: a lookup with a level costs less than one with gradients. Without mip levels there is none to choose:
-// nothing depends on derivatives, and a plain lookup will do.
-vec3 lightkilnLightTexel(LIGHTKILN_ATLAS atlas, vec3 place) {
-#ifndef LIGHTKILN_ONE_LEVEL
-    vec3 byX = dFdx(place);
-    vec3 byY = dFdy(place);
-#endif
-    float eta = place.z;
-    vec3 texel = vec3(0.0);
-    if (eta > LIGHTKILN_ETA_EPSILON) {
-        float share = 1.0 / eta;
-        vec2 uv = place.xy * share;
-#ifndef LIGHTKILN_ONE_LEVEL
-        vec2 texels = vec2(textureSize(atlas, 0).xy) * share;
-        vec2 texelsByX = (byX.xy - uv * byX.z) * texels;
-        vec2 texelsByY = (byY.xy - uv * byY.z) * texels;
-        float level = log2(max(1.0, max(dot(texelsByX, texelsByX), dot(texelsByY, texelsByY)))) / 2.0;
-#endif
+// tex(UV / eta), for the two functions behind it. `byX` and `byY` are derivatives of `place`: those of UV / eta follow by the
+// quotient rule, and the level from those, for a lookup with a level costs less than one with gradients. Without mip levels there is
+// none to choose: nothing depends on derivatives, and a plain lookup will do.
+vec3 lightkilnLightTexel(LIGHTKILN_ATLAS atlas, vec3 place, vec3 byX, vec3 byY) {
+    float share = 1.0 / place.z;
+    vec2 uv = place.xy * share;
 #ifdef LIGHTKILN_ONE_PAGE
-        vec2 at = uv;
+    vec2 at = uv;
 #else
-        float page = clamp(floor(uv.y), 0.0, float(textureSize(atlas, 0).z - 1));
-        vec3 at = vec3(uv.x, uv.y - page, page);
+    float page = clamp(floor(uv.y), 0.0, float(textureSize(atlas, 0).z - 1));
+    vec3 at = vec3(uv.x, uv.y - page, page);
 #endif
 #ifdef LIGHTKILN_ONE_LEVEL
-        texel = eta * texture(atlas, at).rgb;
+    return texture(atlas, at).rgb;
 #else
-        texel = eta * textureLod(atlas, at, level).rgb;
+    vec2 texels = vec2(textureSize(atlas, 0).xy) * share;
+    vec2 texelsByX = (byX.xy - uv * byX.z) * texels;
+    vec2 texelsByY = (byY.xy - uv * byY.z) * texels;
+    float level = log2(max(1.0, max(dot(texelsByX, texelsByX), dot(texelsByY, texelsByY)))) / 2.0;
+    return textureLod(atlas, at, level).rgb;
 #endif
-    }
-    return texel;
 }
 
-// The unit value of a layer of one channel. `color` is interpolated from `lightkilnVertexScalar`.
+// The unit value of a layer of one channel. `place` is interpolated from `lightkilnVertexPlace`, `color` from
+// `lightkilnVertexScalar`. To be called where all pixels pass: derivatives are undefined inside of branches.
 float lightkilnLightScalar(LIGHTKILN_ATLAS atlas, float color, vec3 place) {
-    return color + lightkilnLightTexel(atlas, place).r;
+    vec3 byX = dFdx(place);
+    vec3 byY = dFdy(place);
+    if (place.z > LIGHTKILN_ETA_EPSILON) {
+        color += place.z * lightkilnLightTexel(atlas, place, byX, byY).r;
+    }
+    return color;
 }
 
 // The unit value of a layer of two or three channels. `color` is interpolated from `lightkilnVertexRgb` or `..Table`.
 vec3 lightkilnLightRgb(LIGHTKILN_ATLAS atlas, vec3 color, vec3 place) {
-    return color + lightkilnLightTexel(atlas, place);
+    vec3 byX = dFdx(place);
+    vec3 byY = dFdy(place);
+    if (place.z > LIGHTKILN_ETA_EPSILON) {
+        color += place.z * lightkilnLightTexel(atlas, place, byX, byY);
+    }
+    return color;
 }
 
 // From a unit value to the signal's unit. `scale`: P(low), P(high) - P(low), and white (0: the curve is linear).

@@ -77,46 +77,54 @@ fn lightkilnVertexInterop(pair: vec2<f32>, stack: vec2<f32>) -> vec2<u32> {
 
 // Fragment stage.
 
-// eta * tex(UV / eta). `place` is interpolated from `lightkilnVertexPlace`. To be called where all pixels pass:
-// derivatives are undefined inside of branches. Those of UV / eta follow from them by the quotient rule, and the level
-// from those: a lookup with a level costs less than one with gradients.
-fn lightkilnLightTexel(atlas: texture_2d_array<f32>, linear: sampler, place: vec3<f32>) -> vec3<f32> {
+// tex(UV / eta), for the two functions behind it. `by_x` and `by_y` are derivatives of `place`: those of UV / eta follow by the
+// quotient rule, and the level from those, for a lookup with a level costs less than one with gradients.
+fn lightkilnLightTexel(atlas: texture_2d_array<f32>, linear: sampler, place: vec3<f32>, by_x: vec3<f32>, by_y: vec3<f32>) -> vec3<f32> {
+    let share = 1.0 / place.z;
+    let uv = place.xy * share;
+    let page = clamp(floor(uv.y), 0.0, f32(textureNumLayers(atlas)) - 1.0);
+    let texels = vec2<f32>(textureDimensions(atlas)) * share;
+    let texels_by_x = (by_x.xy - uv * by_x.z) * texels;
+    let texels_by_y = (by_y.xy - uv * by_y.z) * texels;
+    let steps = max(dot(texels_by_x, texels_by_x), dot(texels_by_y, texels_by_y));
+    let level = log2(max(1.0, steps)) / 2.0;
+    return textureSampleLevel(atlas, linear, vec2<f32>(uv.x, uv.y - page), i32(page), level).rgb;
+}
+
+// The unit value of a layer of one channel. `place` is interpolated from `lightkilnVertexPlace`, `color` from
+// `lightkilnVertexScalar`. To be called where all pixels pass: derivatives are undefined inside of branches.
+fn lightkilnLightScalar(atlas: texture_2d_array<f32>, linear: sampler, color: f32, place: vec3<f32>) -> f32 {
     let by_x = dpdx(place);
     let by_y = dpdy(place);
-    let eta = place.z;
-    var texel = vec3<f32>(0.0);
-    if eta > LIGHTKILN_ETA_EPSILON {
-        let share = 1.0 / eta;
-        let uv = place.xy * share;
-        let texels = vec2<f32>(textureDimensions(atlas)) * share;
-        let texels_by_x = (by_x.xy - uv * by_x.z) * texels;
-        let texels_by_y = (by_y.xy - uv * by_y.z) * texels;
-        let steps = max(dot(texels_by_x, texels_by_x), dot(texels_by_y, texels_by_y));
-        let level = log2(max(1.0, steps)) / 2.0;
-        let page = clamp(floor(uv.y), 0.0, f32(textureNumLayers(atlas)) - 1.0);
-        texel = eta * textureSampleLevel(atlas, linear, vec2<f32>(uv.x, uv.y - page), i32(page), level).rgb;
+    if place.z <= LIGHTKILN_ETA_EPSILON {
+        return color;
     }
-    return texel;
-}
-
-// The same for an atlas that is one page and has no mip levels; may stand inside of branches.
-fn lightkilnLightTexelPlain(atlas: texture_2d<f32>, linear: sampler, place: vec3<f32>) -> vec3<f32> {
-    let eta = place.z;
-    var texel = vec3<f32>(0.0);
-    if eta > LIGHTKILN_ETA_EPSILON {
-        texel = eta * textureSampleLevel(atlas, linear, place.xy / eta, 0.0).rgb;
-    }
-    return texel;
-}
-
-// The unit value of a layer of one channel. `color` is interpolated from `lightkilnVertexScalar`.
-fn lightkilnLightScalar(atlas: texture_2d_array<f32>, linear: sampler, color: f32, place: vec3<f32>) -> f32 {
-    return color + lightkilnLightTexel(atlas, linear, place).r;
+    return color + place.z * lightkilnLightTexel(atlas, linear, place, by_x, by_y).r;
 }
 
 // The unit value of a layer of two or three channels. `color` is interpolated from `lightkilnVertexRgb` or `..Table`.
 fn lightkilnLightRgb(atlas: texture_2d_array<f32>, linear: sampler, color: vec3<f32>, place: vec3<f32>) -> vec3<f32> {
-    return color + lightkilnLightTexel(atlas, linear, place);
+    let by_x = dpdx(place);
+    let by_y = dpdy(place);
+    if place.z <= LIGHTKILN_ETA_EPSILON {
+        return color;
+    }
+    return color + place.z * lightkilnLightTexel(atlas, linear, place, by_x, by_y);
+}
+
+// The two for an atlas that is one page and has no mip levels. They may be called anywhere.
+fn lightkilnLightScalarPlain(atlas: texture_2d<f32>, linear: sampler, color: f32, place: vec3<f32>) -> f32 {
+    if place.z <= LIGHTKILN_ETA_EPSILON {
+        return color;
+    }
+    return color + place.z * textureSampleLevel(atlas, linear, place.xy / place.z, 0.0).r;
+}
+
+fn lightkilnLightRgbPlain(atlas: texture_2d<f32>, linear: sampler, color: vec3<f32>, place: vec3<f32>) -> vec3<f32> {
+    if place.z <= LIGHTKILN_ETA_EPSILON {
+        return color;
+    }
+    return color + place.z * textureSampleLevel(atlas, linear, place.xy / place.z, 0.0).rgb;
 }
 
 // From a unit value to the signal's unit. `scale`: P(low), P(high) - P(low), and white (0: the curve is linear).

@@ -54,7 +54,7 @@ fn fragment_scalar(in: Scalar) -> @location(0) vec4<f32> {
 // One channel, of an atlas that is one page without mip levels.
 @fragment
 fn fragment_plain(in: Scalar) -> @location(0) vec4<f32> {
-    let unit = in.color + lightkilnLightTexelPlain(plain, linear_sampler, in.place).r;
+    let unit = lightkilnLightScalarPlain(plain, linear_sampler, in.color, in.place);
     return vec4<f32>(vec3<f32>(lightkilnLightUnscale(unit, layers.scale[0].xyz)), 1.0);
 }
 

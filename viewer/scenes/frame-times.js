@@ -4,6 +4,7 @@
 
 import * as THREE from 'three'
 import { RoomEnvironment } from 'three/addons/environments/RoomEnvironment.js'
+import { COLOR_FLAG, SUBTEXELS } from 'lightkiln-format'
 import { Light } from 'three-lightkiln'
 
 const canvas = document.querySelector('canvas')
@@ -46,15 +47,21 @@ void main() {
 }`
 const LIGHTMAP = plainFragment('uniform highp sampler2D u_lightmap;', 'texture(u_lightmap, v_attribute).r')
 
-/** Each way: its mesh, vertex stage, fragment stage, and which of the textures. */
+/** Each way: its mesh, vertex stage, fragment stage, and which of the textures. Those of grids are drawn when they are asked for. */
 const WAYS = {
   nothing: { mesh: 'hybrid', vertex: PLAIN_VERTEX, fragment: plainFragment('', '1.0') },
   vertices: { mesh: 'hybrid', vertex: PLAIN_VERTEX, fragment: plainFragment('', 'v_attribute.x / 65535.0') },
   lightmap: { mesh: 'lightmap', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmap' },
   hybrid: { mesh: 'hybrid', vertex: ours + main, fragment: ONE_LEVEL + oursFragment + OCCLUSION, texture: 'atlas' },
+  'fill, nothing': { mesh: 'mapped grid', vertex: PLAIN_VERTEX, fragment: plainFragment('', '1.0') },
+  'fill, lightmap': { mesh: 'mapped grid', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmap' },
+  'fill, texels': { mesh: 'texel grid', vertex: ours + main, fragment: ONE_LEVEL + oursFragment + OCCLUSION, texture: 'atlas' },
+  'fill, colors': { mesh: 'color grid', vertex: ours + main, fragment: ONE_LEVEL + oursFragment + OCCLUSION, texture: 'atlas' },
   'lightmap, levels': { mesh: 'lightmap', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmapLevels' },
   'hybrid, levels': { mesh: 'hybrid', vertex: ours + main, fragment: oursFragment + OCCLUSION, texture: 'atlasLevels' },
 }
+
+const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
 
 function program({ vertex, fragment }) {
   const linked = gl.createProgram()
@@ -72,26 +79,42 @@ function program({ vertex, fragment }) {
   return linked
 }
 
-async function mesh(name, isNormalized) {
+async function loaded(name) {
+  const [positions, attributes, indices] = await Promise.all(['positions', 'attributes', 'indices'].map((part) => numbers(`${name}.${part}`)))
+  return { positions: new Float32Array(positions), attributes: new Uint16Array(attributes), indices: new Uint32Array(indices) }
+}
+
+/** Triangles that fill the picture once; `attributeAt`: of a place in the unit square. */
+function grid(attributeAt) {
+  const [steps, positions, attributes, indices] = [16, [], [], []]
+  for (let y = 0; y <= steps; y++) {
+    for (let x = 0; x <= steps; x++) {
+      positions.push((2 * x) / steps - 1, (2 * y) / steps - 1, 0)
+      attributes.push(...attributeAt(x / steps, y / steps).map(Math.round))
+      const at = positions.length / 3 - 1
+      if (x < steps && y < steps) indices.push(at, at + 1, at + steps + 1, at + 1, at + steps + 2, at + steps + 1)
+    }
+  }
+  return { positions: new Float32Array(positions), attributes: new Uint16Array(attributes), indices: new Uint32Array(indices) }
+}
+
+function mesh({ positions, attributes, indices }, isNormalized) {
   const array = gl.createVertexArray()
   gl.bindVertexArray(array)
-  const buffer = async (part, target) => {
-    const data = await numbers(`${name}.${part}`)
+  const buffer = (data, target) => {
     gl.bindBuffer(target, gl.createBuffer())
     gl.bufferData(target, data, gl.STATIC_DRAW)
-    return data.byteLength
   }
-  const attribute = (at, size, kind, isNormalized) => {
+  const attribute = (at, size, data, kind, isNormalized) => {
+    buffer(data, gl.ARRAY_BUFFER)
     gl.enableVertexAttribArray(at)
     gl.vertexAttribPointer(at, size, kind, isNormalized, 0, 0)
   }
-  await buffer('positions', gl.ARRAY_BUFFER)
-  attribute(0, 3, gl.FLOAT, false)
-  await buffer('attributes', gl.ARRAY_BUFFER)
-  attribute(1, 2, gl.UNSIGNED_SHORT, isNormalized)
-  const count = (await buffer('indices', gl.ELEMENT_ARRAY_BUFFER)) / 4
+  attribute(0, 3, positions, gl.FLOAT, false)
+  attribute(1, 2, attributes, gl.UNSIGNED_SHORT, isNormalized)
+  buffer(indices, gl.ELEMENT_ARRAY_BUFFER)
   gl.bindVertexArray(null)
-  return { array, count }
+  return { array, count: indices.length }
 }
 
 /** The pages of a way: one, or an array of them. */
@@ -136,7 +159,7 @@ async function time(gl, draw) {
  *
  * - returns: for each of the two, a function that draws it with a camera
  */
-async function inMaterial(sizes, pages) {
+function inMaterial(sizes, pages, parts) {
   const renderer = new THREE.WebGLRenderer({ antialias: false, preserveDrawingBuffer: true })
   renderer.setSize(canvas.width, canvas.height, false)
   const environment = new THREE.PMREMGenerator(renderer).fromScene(new RoomEnvironment()).texture
@@ -153,11 +176,11 @@ async function inMaterial(sizes, pages) {
     scale: { low: 0, extent: 1, white: 0 }, clamp: null, pages: [...Array(count).keys()], atlas: texture('hybrid'), palette: null }], [width, height])
   const camera = new THREE.Camera()
   camera.matrixWorldAutoUpdate = false
-  const drawer = async (name, attribute, isNormalized, material) => {
+  const drawer = (name, attribute, isNormalized, material) => {
     const geometry = new THREE.BufferGeometry()
-    geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(await numbers(`${name}.positions`)), 3))
-    geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(await numbers(`${name}.indices`)), 1))
-    geometry.setAttribute(attribute, new THREE.BufferAttribute(new Uint16Array(await numbers(`${name}.attributes`)), 2, isNormalized))
+    geometry.setAttribute('position', new THREE.BufferAttribute(parts[name].positions, 3))
+    geometry.setIndex(new THREE.BufferAttribute(parts[name].indices, 1))
+    geometry.setAttribute(attribute, new THREE.BufferAttribute(parts[name].attributes, 2, isNormalized))
     geometry.computeVertexNormals()
     const mesh = new THREE.Mesh(geometry, material)
     mesh.frustumCulled = false
@@ -172,15 +195,28 @@ async function inMaterial(sizes, pages) {
   }
   return {
     gl: renderer.getContext(),
-    'material, lightmap': await drawer('lightmap', 'uv1', true, new THREE.MeshStandardMaterial({ roughness: 0.6, aoMap })),
-    'material, hybrid': await drawer('hybrid', '_lightuv', false, new THREE.MeshStandardMaterial({ roughness: 0.6 })),
+    'material, lightmap': drawer('lightmap', 'uv1', true, new THREE.MeshStandardMaterial({ roughness: 0.6, aoMap })),
+    'material, hybrid': drawer('hybrid', '_lightuv', false, new THREE.MeshStandardMaterial({ roughness: 0.6 })),
   }
 }
 
-/** Loads what there is to draw, `sizes` being those of pages and their numbers; returns the names of the ways, and what the pictures and the renderer are. */
-globalThis.prepare = async ({ sizes, cameras }) => {
+/**
+ * Loads what there is to draw.
+ *
+ * - `sizes`: width, height and number of the pages; `withFill`: whether to draw grids, too
+ * - returns: the names of the ways, and what the pictures and the renderer are
+ */
+globalThis.prepare = async ({ sizes, cameras, withFill }) => {
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1)
-  const meshes = { hybrid: await mesh('hybrid', false), lightmap: await mesh('lightmap', true) }
+  const parts = { hybrid: await loaded('hybrid'), lightmap: await loaded('lightmap') }
+  const [width, height] = sizes.hybrid
+  const meshes = {
+    hybrid: mesh(parts.hybrid, false),
+    lightmap: mesh(parts.lightmap, true),
+    'mapped grid': mesh(grid((x, y) => [65535 * x, 65535 * y]), true),
+    'texel grid': mesh(grid((x, y) => [SUBTEXELS * width * x, SUBTEXELS * height * y]), false),
+    'color grid': mesh(grid((x) => [65535 * x, COLOR_FLAG]), false),
+  }
   const pages = {}
   for (const [name, [width, height, count]] of Object.entries(sizes)) {
     pages[name] = new Uint8Array(width * height * count)
@@ -218,20 +254,21 @@ globalThis.prepare = async ({ sizes, cameras }) => {
 
   const macros = sizes.hybrid[2] === 1 ? ONE_PAGE : ''
   const programs = Object.fromEntries(Object.entries(WAYS).map(([name, way]) => [name, program({ ...way, fragment: macros + way.fragment })]))
-  const material = await inMaterial(sizes, pages)
+  const material = inMaterial(sizes, pages, parts)
   /** Milliseconds of a picture of each camera, so many times. */
   globalThis.frames = (name, repeats) => time(material[name] ? material.gl : gl, () => {
     const matrix = material[name] ? null : bind(WAYS[name], programs[name])
     for (let i = 0; i < repeats; i++) {
       for (const camera of cameras) {
         if (material[name]) material[name](camera)
-        else drawn(WAYS[name], matrix, camera)
+        else drawn(WAYS[name], matrix, WAYS[name].mesh.endsWith('grid') ? IDENTITY : camera)
       }
     }
     if (gl.getError() || material.gl.getError()) throw Error('a GL error')
   })
   const debug = gl.getExtension('WEBGL_debug_renderer_info')
   const renderer = gl.getParameter(debug ? debug.UNMASKED_RENDERER_WEBGL : gl.RENDERER)
-  return { names: [...Object.keys(WAYS), ...Object.keys(material).filter((name) => name !== 'gl')], renderer, textured: counts[1] / (counts[0] + counts[1]) }
+  const names = [...Object.keys(WAYS), ...Object.keys(material)].filter((name) => name !== 'gl' && (withFill || !name.startsWith('fill')))
+  return { names, renderer, textured: counts[1] / (counts[0] + counts[1]) }
 }
 globalThis.ready = true

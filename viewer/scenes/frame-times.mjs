@@ -3,8 +3,8 @@
 //   node frame-times.mjs HYBRID.glb=LIGHTMAP.glb ... [--rounds 40] [--angle default]
 //
 // `--angle` is what the browser draws with, as ANGLE calls it: the GPU where it has one (default), swiftshader, gl-egl (Mesa), ...
-// The two files are bakes of one scene, the second with `--profile lightmap`. Prints a table in Markdown: drawing light alone, and a
-// physical material of three.js that the light dims. Ways take turns in each round, and ratios are medians of those of all
+// The two files are bakes of one scene, the second with `--profile lightmap`. Prints tables in Markdown: drawing light alone, and a
+// physical material of three.js that the light dims; and, of the first pair, pictures that are filled once, by texels or by vertex values. Ways take turns in each round, and ratios are medians of those of all
 // rounds, so that what else the machine does meets all of them alike. Times are those of the GPU's clock where it has one; of a
 // software renderer, the processor time that the browser's GPU process took.
 
@@ -92,6 +92,11 @@ const { browser, files: served, open, close } = await startBrowser({
 })
 const session = await browser.newBrowserCDPSession()
 
+function print(head, ...rows) {
+  const rule = head.map((title) => (title === 'scene' ? '---' : '---:'))
+  for (const row of [head, rule, ...rows]) console.log(`| ${row.join(' | ')} |`)
+}
+
 /** Seconds of all cores that drawing has taken: by Linux's scheduler to the nanosecond, else as the browser has them. */
 async function processorTime() {
   const { processInfo } = await session.send('SystemInfo.getProcessInfo')
@@ -128,7 +133,7 @@ async function takeTimes(page, { names, renderer }) {
 }
 
 try {
-  const rows = []
+  const [rows, fill] = [[], []]
   let about
   for (const [path, ofLightmap] of pairs) {
     const { triangles, ...meshes } = await readMeshes(...[path, ofLightmap].map((file) => new Uint8Array(readFileSync(file))))
@@ -139,7 +144,7 @@ try {
     const { page, complaints } = await open('/viewer/scenes/frame-times.html')
     const cameras = VIEWS.map((view) => clipFromWorld(cameraFor(triangles, view), 1920 / 1080))
     const sizes = Object.fromEntries(Object.entries(meshes).map(([name, { size, pages }]) => [name, [...size, pages.length]]))
-    const prepared = await page.evaluate((job) => globalThis.prepare(job), { sizes, cameras })
+    const prepared = await page.evaluate((job) => globalThis.prepare(job), { sizes, cameras, withFill: rows.length === 0 })
     const taken = await takeTimes(page, prepared)
     await page.close()
     if (complaints.length > 0) throw new Error(complaints.join('\n'))
@@ -149,12 +154,15 @@ try {
     rows.push([basename(path, '.glb').replace('.baked', ''), triangles.length, `${meshes.hybrid.vertices} / ${meshes.lightmap.vertices}`,
       `${(100 * prepared.textured).toFixed(0)} %`, ms('nothing'), ms('vertices'), ...pair('lightmap', 'hybrid'),
       ...pair('lightmap, levels', 'hybrid, levels'), ...pair('material, lightmap', 'material, hybrid')])
+    if (fill.length === 0) fill.push(ms('fill, nothing'), ms('fill, lightmap'), ...pair('fill, lightmap', 'fill, texels').slice(1), ...pair('fill, lightmap', 'fill, colors').slice(1))
     console.error(rows.at(-1).join('  '))
   }
   console.log(`${about}; 1920 x 1080, no multisampling, ${VIEWS.length} views, ${rounds} rounds; medians in ms\n`)
   const head = ['scene', 'triangles', 'vertices: hybrid / lightmap', 'pixels with texels', 'no light', 'vertices', 'lightmap', 'hybrid', 'ratio',
     'lightmap, mip levels', 'hybrid, mip levels', 'ratio', 'in a material: lightmap', 'hybrid', 'ratio']
-  for (const row of [head, head.map((_, i) => (i === 0 ? '---' : '---:')), ...rows]) console.log(`| ${row.join(' | ')} |`)
+  print(head, ...rows)
+  console.log('\nA picture filled once:\n')
+  print(['no light', 'lightmap', 'hybrid: texels', 'ratio', 'hybrid: vertex values', 'ratio'], fill)
 } finally {
   await close()
 }

@@ -131,7 +131,7 @@ vec3 hashed(uint x) {
 }
 
 void main() {
-    vec3 texel = lightkilnLightTexel(atlas, inPages(atlas, vPlace));
+    vec3 texel = lightkilnLightRgb(atlas, vec3(0.0), inPages(atlas, vPlace));
     vec3 placeX = dFdx(vPlace), placeY = dFdy(vPlace);
     vec3 worldX = dFdx(vWorld), worldY = dFdy(vWorld);
     vec3 flatNormal = cross(worldX, worldY);
