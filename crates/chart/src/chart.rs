@@ -3,6 +3,8 @@
 use glam::Vec2;
 use lightkiln_mesh::{TriangleId, VertexId};
 
+use crate::place::size_for;
+
 /// Chart coordinates are multiples of `1 / SUBTEXELS` texel: the grid of the packed attribute.
 pub const SUBTEXELS: u32 = 8;
 
@@ -20,7 +22,7 @@ impl ChartId {
 }
 
 /// Connected texture triangles that share one map to the plane.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Chart {
     /// Ascending.
     pub triangles: Vec<TriangleId>,
@@ -34,6 +36,22 @@ pub struct Chart {
     pub uv: Vec<Vec2>,
     /// Texels, multiples of 4, gutter included on all four sides.
     pub size: [u32; 2],
+}
+
+impl Chart {
+    /// The same chart in a grid of its own with texels of another width, and where it lies there: a point `p` of this one
+    /// lies at `p * factor + shift`, vertices within half a step of `1 / SUBTEXELS`.
+    ///
+    /// - `factor`: texels of the new grid along one of this
+    pub fn scaled(&self, factor: f32, gutter: u32) -> (Self, Vec2) {
+        let low = self.uv.iter().fold(Vec2::INFINITY, |low, &p| low.min(p));
+        let shift = Vec2::splat(gutter as f32 + 0.5) - low * factor;
+        let steps = SUBTEXELS as f32;
+        let uv: Vec<Vec2> = self.uv.iter().map(|&p| ((p * factor + shift) * steps).round() / steps).collect();
+        let high = uv.iter().fold(Vec2::ZERO, |high, &p| high.max(p));
+        let size = [high.x, high.y].map(|high| size_for(f64::from(high) - f64::from(gutter), gutter));
+        (Self { uv, size, ..self.clone() }, shift)
+    }
 }
 
 /// What keeps charts from being made or packed.

@@ -3,7 +3,7 @@
 mod shapes;
 
 use glam::Vec3;
-use lightkiln_chart::{Chart, ChartError, ChartOptions, ChartReport, charts, verify};
+use lightkiln_chart::{Chart, ChartError, ChartOptions, ChartReport, SUBTEXELS, charts, verify};
 use lightkiln_mesh::random::{hash, unit};
 use lightkiln_mesh::{Adjacency, Mesh, TriangleId};
 use proptest::prelude::*;
@@ -329,5 +329,23 @@ proptest! {
             .collect();
         let mesh = shapes::mesh(positions, triangles);
         all(&mesh, 0.02);
+    }
+}
+
+#[test]
+fn charts_scaled_keep_their_shape_in_a_grid_of_their_own() {
+    let mesh = shapes::hills(24, 1.0, 0.4, 0.3);
+    let adjacency = Adjacency::new(&mesh);
+    let region: Vec<TriangleId> = mesh.triangle_ids().collect();
+    let (charts, _) = charts(&mesh, &adjacency, &[region], &ChartOptions::new(0.01)).expect("hills chart");
+    for (chart, factor) in charts.iter().flat_map(|c| [(c, 0.25), (c, 0.8), (c, 1.0)]) {
+        let (scaled, shift) = chart.scaled(factor, 1);
+        assert_eq!((&scaled.triangles, &scaled.corners), (&chart.triangles, &chart.corners));
+        assert!(scaled.size.iter().all(|side| side % 4 == 0));
+        for (&here, &there) in chart.uv.iter().zip(&scaled.uv) {
+            assert!((here * factor + shift - there).abs().max_element() <= 0.5 / SUBTEXELS as f32 + 1e-4);
+            let room = [scaled.size[0] as f32 - 1.0, scaled.size[1] as f32 - 1.0];
+            assert!(there.min_element() >= 1.0 && there.x <= room[0] && there.y <= room[1], "{there}");
+        }
     }
 }

@@ -124,9 +124,7 @@ impl Mapping {
 
     /// Texels that a triangle covers, by the area between its texture coordinates.
     pub fn texel_area(&self, corners: [[f32; 2]; 3], size: [usize; 2]) -> f32 {
-        let [a, b, c] = corners.map(|uv| self.texel_position(uv, size));
-        let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-        if area.is_finite() { area.abs() / 2.0 } else { f32::MAX }
+        area(corners.map(|uv| self.texel_position(uv, size)))
     }
 
     /// The texels around a point of an image.
@@ -144,6 +142,12 @@ impl Mapping {
         }
         Cell { columns: pairs[0], rows: pairs[1], part }
     }
+}
+
+/// The area of a triangle.
+fn area([a, b, c]: [[f32; 2]; 3]) -> f32 {
+    let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    if area.is_finite() { area.abs() / 2.0 } else { f32::MAX }
 }
 
 /// The texture that a texture info object names, and its image.
@@ -380,10 +384,16 @@ impl Textures<'_> {
     /// Texels of its image that a part's triangle covers, by the area between its texture coordinates; none where it
     /// shows no image.
     pub fn texels(&self, part: usize, triangle: usize) -> Option<f32> {
+        self.texel_corners(part, triangle).map(area)
+    }
+
+    /// Where the corners of a part's triangle lie in its image, which may repeat for ever, in texels: texel (i, j) has its
+    /// centre at (i + 0.5, j + 0.5). None where it shows no image.
+    pub fn texel_corners(&self, part: usize, triangle: usize) -> Option<[[f32; 2]; 3]> {
         let primitive = self.scene.parts[part].triangle_primitives[triangle] as usize;
         let Lookup { image, mapping, uv } = self.parts[part][primitive].as_ref()?.texture.as_ref()?;
-        let corners = self.scene.gltf_corners(part, triangle).map(|v| uv[v as usize]);
-        Some(mapping.texel_area(corners, image.size))
+        let corners = self.scene.gltf_corners(part, triangle);
+        Some(corners.map(|v| mapping.texel_position(uv[v as usize], image.size)))
     }
 
     /// What a point of a part's triangle shows, linear. False when it shows nothing, having no texture coordinates.
