@@ -5,11 +5,11 @@ mod harness;
 
 use std::path::{Path, PathBuf};
 
-use harness::room::room;
+use harness::room::{add_texture, corner};
 use harness::{Folder, bake, data, draft, fail, glb, glb_parts, lightkiln, succeed};
 use lightkiln_bake::{FileLight, Opened, Opening};
 use lightkiln_mesh::{SurfacePoint, TriangleId};
-use lightkiln_texel::{PngDepth, read_png, write_png};
+use lightkiln_texel::read_png;
 use serde_json::{Value, json};
 
 const SMALL: [&str; 4] = ["--samples", "6000", "--ao-distance", "1"];
@@ -90,47 +90,6 @@ fn shown(path: &Path) -> Vec<(bool, f32)> {
         }
     }
     out
-}
-
-/// The corner of a room with sets of texture coordinates, 0 to 1 over both of its squares.
-fn corner(sets: usize) -> (Value, Vec<u8>) {
-    let (mut json, mut binary) = room("room.bin");
-    let uv = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0_f32]];
-    let start = binary.len();
-    for _ in 0..2 {
-        uv.iter().flatten().for_each(|v| binary.extend(v.to_le_bytes()));
-    }
-    let list = |json: &mut Value, key: &str, new: Value| {
-        let list = json[key].as_array_mut().unwrap();
-        list.push(new);
-        list.len() - 1
-    };
-    let view = list(&mut json, "bufferViews", json!({"buffer": 0, "byteOffset": start, "byteLength": 64}));
-    for set in 0..sets {
-        let accessor = json!({"bufferView": view, "componentType": 5126, "count": 8, "type": "VEC2"});
-        let accessor = list(&mut json, "accessors", accessor);
-        for mesh in 0..2 {
-            json["meshes"][mesh]["primitives"][0]["attributes"][format!("TEXCOORD_{set}")] = accessor.into();
-        }
-    }
-    json["buffers"][0] = json!({"byteLength": binary.len()});
-    (json, binary)
-}
-
-/// Adds a gray image of one value, or of two halves, and its texture.
-fn add_texture(json: &mut Value, binary: &mut Vec<u8>, values: [f32; 2]) -> usize {
-    let texels: Vec<f32> = (0..64).map(|t| values[usize::from(t % 8 >= 4)]).collect();
-    let mut png = Vec::new();
-    write_png(&mut png, [8, 8], 1, PngDepth::Eight, &texels).unwrap();
-    binary.resize(binary.len().next_multiple_of(4), 0);
-    let view = json["bufferViews"].as_array_mut().unwrap();
-    view.push(json!({"buffer": 0, "byteOffset": binary.len(), "byteLength": png.len()}));
-    let view = view.len() - 1;
-    binary.extend(png);
-    json["images"] = json!([{"bufferView": view, "mimeType": "image/png"}]);
-    json["textures"] = json!([{"source": 0}]);
-    json["buffers"][0]["byteLength"] = binary.len().into();
-    0
 }
 
 fn write(folder: &Folder, name: &str, (json, binary): &(Value, Vec<u8>)) -> PathBuf {
@@ -339,7 +298,7 @@ fn stock_materials_of_variants_follow_and_come_back() {
 fn stock_occlusion_of_the_asset_is_multiplied_kept_or_replaced() {
     let folder = Folder::new("authored");
     let (mut json, mut binary) = corner(1);
-    let texture = add_texture(&mut json, &mut binary, [0.2, 0.8]);
+    let texture = add_texture(&mut json, &mut binary, 8, |x, _| if x < 4 { 0.2 } else { 0.8 });
     json["extensionsUsed"].as_array_mut().unwrap().push("KHR_texture_transform".into());
     json["materials"][0]["occlusionTexture"] = json!({"index": texture, "strength": 0.5,
         "extensions": {"KHR_texture_transform": {"offset": [0.25, 0]}}});
@@ -381,7 +340,7 @@ fn stock_warns_of_textures_that_would_show_by_its_coordinates() {
     let folder = Folder::new("astray");
     for (sets, astray) in [(0, true), (1, false)] {
         let (mut json, mut binary) = corner(sets);
-        let texture = add_texture(&mut json, &mut binary, [0.2, 0.8]);
+        let texture = add_texture(&mut json, &mut binary, 8, |x, _| if x < 4 { 0.2 } else { 0.8 });
         json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({"index": texture});
         let input = write(&folder, "in.glb", &(json, binary));
         let report = bake(&input, &folder.path("out.glb"), &with(&["--profile", "stock"]));
@@ -394,18 +353,19 @@ fn stock_warns_of_textures_that_would_show_by_its_coordinates() {
 fn stock_warns_of_occlusion_finer_than_its_texels() {
     let folder = Folder::new("finer");
     let (mut json, mut binary) = corner(1);
-    let texture = add_texture(&mut json, &mut binary, [0.2, 0.8]);
+    let texture = add_texture(&mut json, &mut binary, 8, |x, _| if x < 4 { 0.2 } else { 0.8 });
     json["materials"][0]["occlusionTexture"] = json!({"index": texture});
     let input = write(&folder, "in.glb", &(json, binary));
+    let coarse = ["--profile", "stock", "--authored-occlusion", "multiply-coarse"];
     for (detail, finer) in [("1", true), ("0.1", false)] {
         let report = bake(
             &input,
             &folder.path("out.glb"),
-            &["--profile", "stock", "--detail", detail, "--ao-distance", "1"],
+            &[&coarse[..], &["--detail", detail, "--ao-distance", "1"]].concat(),
         );
         let warnings = report["warnings"].to_string();
         // 8 texels over a metre.
-        assert_eq!(warnings.contains("--detail 0.25000 keeps it"), finer, "{warnings}");
+        assert_eq!(warnings.contains("as --detail 0.25000 does"), finer, "{warnings}");
     }
 }
 

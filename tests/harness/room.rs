@@ -1,5 +1,6 @@
 //! A floor and a wall that meet, as a `.gltf` with everything around it that a bake must leave alone.
 
+use lightkiln_texel::{PngDepth, write_png};
 use serde_json::{Value, json};
 
 /// The scene's JSON, with its buffer in `buffer_uri`, and that buffer.
@@ -73,4 +74,50 @@ pub fn room(buffer_uri: &str) -> (Value, Vec<u8>) {
         "buffers": [{"uri": buffer_uri, "byteLength": 256}],
     });
     (json, binary)
+}
+
+/// The corner of a room with sets of texture coordinates, 0 to 1 over both of its squares.
+pub fn corner(sets: usize) -> (Value, Vec<u8>) {
+    let (mut json, mut binary) = room("room.bin");
+    let uv = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0_f32]];
+    let start = binary.len();
+    for _ in 0..2 {
+        uv.iter().flatten().for_each(|v| binary.extend(v.to_le_bytes()));
+    }
+    let list = |json: &mut Value, key: &str, new: Value| {
+        let list = json[key].as_array_mut().expect("a list");
+        list.push(new);
+        list.len() - 1
+    };
+    let view = list(&mut json, "bufferViews", json!({"buffer": 0, "byteOffset": start, "byteLength": 64}));
+    for set in 0..sets {
+        let accessor = json!({"bufferView": view, "componentType": 5126, "count": 8, "type": "VEC2"});
+        let accessor = list(&mut json, "accessors", accessor);
+        for mesh in 0..2 {
+            json["meshes"][mesh]["primitives"][0]["attributes"][format!("TEXCOORD_{set}")] = accessor.into();
+        }
+    }
+    json["buffers"][0] = json!({"byteLength": binary.len()});
+    (json, binary)
+}
+
+/// Adds a gray image, so many texels wide and high, and its texture.
+pub fn add_texture(
+    json: &mut Value,
+    binary: &mut Vec<u8>,
+    side: u32,
+    value: impl Fn(u32, u32) -> f32,
+) -> usize {
+    let texels: Vec<f32> = (0..side * side).map(|t| value(t % side, t / side)).collect();
+    let mut png = Vec::new();
+    write_png(&mut png, [side; 2], 1, PngDepth::Eight, &texels).expect("a small image");
+    binary.resize(binary.len().next_multiple_of(4), 0);
+    let view = json["bufferViews"].as_array_mut().expect("a list");
+    view.push(json!({"buffer": 0, "byteOffset": binary.len(), "byteLength": png.len()}));
+    let view = view.len() - 1;
+    binary.extend(png);
+    json["images"] = json!([{"bufferView": view, "mimeType": "image/png"}]);
+    json["textures"] = json!([{"source": 0}]);
+    json["buffers"][0]["byteLength"] = binary.len().into();
+    0
 }

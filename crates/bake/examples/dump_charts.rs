@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut lit = shade::light_fit_classify(&surface, &signal, samples, &plan, &mut clock)?;
     let seen = verify::seen_points(&surface, &signal, &lit, &plan, &mut clock)?;
     lit.tighten(&surface, &seen, &plan);
-    let shown = rounds::chart_texel_encode(&surface, &signal, &lit, &seen, &plan, &mut clock)?;
+    let shown = rounds::chart_texel_encode(&surface, &signal, None, &lit, &seen, &plan, &mut clock)?;
     let mut text = String::new();
     for chart in &shown.charts {
         writeln!(text, "chart {} {}", chart.size[0], chart.size[1])?;

@@ -11,6 +11,7 @@ use lightkiln_report::{
 };
 use lightkiln_scene::Profile;
 
+use crate::authored::{OwnResolution, finer};
 use crate::options::Plan;
 use crate::output::Written;
 use crate::rounds::{Shown, light_stride};
@@ -27,6 +28,8 @@ pub struct Everything<'a> {
     pub output: &'a Path,
     /// The light mesh.
     pub surface: &'a Surface<'a>,
+    /// Where texels are finer than those of the plan.
+    pub finer: Option<&'a OwnResolution<'a>>,
     /// What the user should know of the scene and its light.
     pub remarks: Vec<String>,
     /// Settings with defaults.
@@ -218,7 +221,10 @@ fn geometry_bytes(all: &Everything<'_>) -> u64 {
 /// One lightmap over everything at the same texel density, from areas and from what this bake's charts took.
 fn full_lightmap(all: &Everything<'_>, texel_bytes: u64) -> FullLightmap {
     let (mesh, shown) = (&all.surface.mesh, all.shown);
-    let area_texels = |triangle: TriangleId| mesh.area(triangle) / f64::from(all.plan.radius).powi(2);
+    let area_texels = |triangle: TriangleId| {
+        let steps = all.finer.map_or(0, |f| f.steps(triangle).min(shown.most_steps));
+        mesh.area(triangle) / (f64::from(all.plan.radius) / finer(steps)).powi(2)
+    };
     let charted: f64 = shown.charts.iter().flat_map(|c| &c.triangles).map(|&t| area_texels(t)).sum();
     let whole: f64 = mesh.triangle_ids().map(area_texels).sum();
     let measured = charted >= MEASURABLE_SHARE * whole;

@@ -26,8 +26,10 @@
 //! | [`clock`] | stages, progress, and the way to stop |
 //! | [`snapshot`] | what there is so far, for those who watch |
 //! | [`signals`] | what is baked |
+//! | [`authored`] | times the occlusion textures of the file, at their own resolution |
 //! | [`compare`] | vertex values alone, by every method |
 
+pub mod authored;
 pub mod borders;
 pub mod clock;
 pub mod compare;
@@ -57,6 +59,7 @@ pub mod verify;
 
 use std::path::Path;
 
+use authored::OwnResolution;
 use lightkiln_light::Tracer;
 use lightkiln_report::Report;
 use lightkiln_sample::{SampleOptions, poisson_disk};
@@ -113,22 +116,30 @@ pub fn bake(
     clock.stage("light")?;
     let tracer = Tracer::new(surface.casters(), &surface)?;
     surface.turn_hidden_sheets(&tracer, plan.ao_distance, &scenery.lighting);
-    let signal = plan.signals.judged_on(&plan.stage(&surface, &tracer, &scenery.lighting))?;
+    let stage = plan.stage(&surface, &tracer, &scenery.lighting);
+    let signal = plan.signals.judged_on(&stage)?;
     let signal = signal.as_ref();
+    let own_resolution = OwnResolution::of(&plan, &stage)?;
     options.check_profile(&harmonics::baked(signal))?;
     shade::draft(&surface, signal, &plan, &clock)?;
     clock.stage("sample")?;
     let samples = poisson_disk(&surface.mesh, &SampleOptions { radius: plan.radius, seed: plan.seed })?;
     let mut lit = shade::light_fit_classify(&surface, signal, samples, &plan, &mut clock)?;
+    if let Some(finer) = &own_resolution {
+        finer.promote(&mut lit, plan.max_error);
+    }
     let seen = verify::seen_points(&surface, signal, &lit, &plan, &mut clock)?;
     lit.tighten(&surface, &seen, &plan);
-    let shown = rounds::chart_texel_encode(&surface, signal, &lit, &seen, &plan, &mut clock)?;
+    let finer = own_resolution.as_ref();
+    let shown = rounds::chart_texel_encode(&surface, signal, finer, &lit, &seen, &plan, &mut clock)?;
+    remarks.extend(finer.and_then(|finer| finer.remark(&shown.charts, &plan)));
     let written = output::write(&surface, &lit.layers, &shown, &plan, options, output, &mut clock)?;
     let errors = verify::written_file(&surface, signal, &lit, &seen, &shown, &written, &plan, &mut clock)?;
     let report = figures::report(figures::Everything {
         input,
         output,
         surface: &surface,
+        finer,
         remarks,
         plan: &plan,
         lit: &lit,

@@ -82,15 +82,24 @@ pub struct LightOptions {
 
 /// What becomes of the occlusion textures of a file when materials are to show ours: they have room for one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum AuthoredOcclusion {
-    /// What is baked is ours times theirs, at their strength.
+    /// What is baked is ours times theirs, at their strength. Where theirs has finer texels, so has what is baked.
     #[default]
     Multiply,
+    /// The same with texels of one width everywhere.
+    MultiplyCoarse,
     /// Materials that have one keep it and show none of ours.
     Keep,
     /// Ours takes its place.
     Replace,
+}
+
+impl AuthoredOcclusion {
+    /// Whether what is baked is ours times theirs.
+    pub fn is_multiplied(self) -> bool {
+        matches!(self, Self::Multiply | Self::MultiplyCoarse)
+    }
 }
 
 fn is_false(flag: &bool) -> bool {

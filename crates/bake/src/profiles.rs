@@ -70,9 +70,11 @@ impl BakeOptions {
 /// [`BakeError::Scene`] for images that cannot be read.
 pub(crate) fn remarks(surface: &Surface<'_>, plan: &Plan) -> Result<Vec<String>, BakeError> {
     match plan.light.authored_occlusion {
-        Some(AuthoredOcclusion::Multiply) => Ok(finer_than_texels(surface, plan)?.into_iter().collect()),
+        Some(AuthoredOcclusion::MultiplyCoarse) => {
+            Ok(finer_than_texels(surface, plan)?.into_iter().collect())
+        }
         Some(AuthoredOcclusion::Keep) => Ok(kept(surface.scene).into_iter().collect()),
-        Some(AuthoredOcclusion::Replace) | None => Ok(Vec::new()),
+        Some(AuthoredOcclusion::Multiply | AuthoredOcclusion::Replace) | None => Ok(Vec::new()),
     }
 }
 
@@ -101,8 +103,8 @@ fn finer_than_texels(surface: &Surface<'_>, plan: &Plan) -> Result<Option<String
     Ok((width < plan.radius).then(|| {
         format!(
             "the occlusion textures of the file have texels of {width:.5} on the average, finer than those of this \
-             bake, {:.5}: detail between them is lost where the errors below say so; --detail {:.5} keeps it, \
-             --authored-occlusion keep leaves these materials alone",
+             bake, {:.5}: detail between them is lost where the errors below say so; --authored-occlusion \
+             multiply keeps it, as --detail {:.5} does, keep leaves these materials alone",
             plan.radius,
             2.0 * width
         )

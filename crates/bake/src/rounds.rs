@@ -11,7 +11,7 @@
 
 use std::collections::HashMap;
 
-use lightkiln_chart::pack::{PackOptions, Packing, pack};
+use lightkiln_chart::pack::{BLOCK, MAX_STACK, PackError, PackOptions, Packing, pack};
 use lightkiln_chart::{Chart, ChartOptions, charts};
 use lightkiln_classify::{close, fill_notches, regions};
 use lightkiln_encode::{
@@ -23,6 +23,7 @@ use lightkiln_sample::Samples;
 use lightkiln_scene::Profile;
 use lightkiln_texel::{Atlas, ChartTexels, StitchOptions, StitchReport, compose, lift, stitch};
 
+use crate::authored::{self, OwnResolution};
 use crate::borders::border_holds;
 use crate::clock::Clock;
 use crate::layers::{Layers, UnitLight};
@@ -67,6 +68,8 @@ pub struct Shown {
     pub promoted: usize,
     /// Color triangles promoted because texels are cheaper.
     pub promoted_for_bytes: usize,
+    /// Steps that no texels are finer by than those of the bake ([`OwnResolution`]).
+    pub most_steps: u8,
 }
 
 impl Shown {
@@ -85,6 +88,8 @@ impl Shown {
 /// The charts of one region with the light of their texels, kept from round to round.
 #[derive(Default)]
 struct Region {
+    /// Steps by which its texels are finer than those of the bake.
+    steps: u8,
     charts: Vec<Chart>,
     texels: Vec<ChartTexels>,
     light: Vec<TexelLight>,
@@ -93,13 +98,15 @@ struct Region {
 /// Makes what the file will show, round by round, until every sample of the color triangles is shown within
 /// the bound or the rounds are spent.
 ///
-/// `seen` are fresh points that may promote triangles too: they lie where no sample does.
+/// `seen` are fresh points that may promote triangles too: they lie where no sample does. `finer` is there where textures
+/// have finer texels than the bake.
 ///
 /// # Errors
 /// Those of the stages.
 pub fn chart_texel_encode(
     surface: &Surface<'_>,
     signal: &dyn Signal,
+    finer: Option<&OwnResolution<'_>>,
     lit: &Lit,
     seen: &References,
     plan: &Plan,
@@ -115,7 +122,8 @@ pub fn chart_texel_encode(
     // Without our shader no triangle can blend, so that every border splits its vertices.
     let blends = !plan.profile.is_plain();
     let mut detached = vec![!blends; surface.mesh.vertex_count()];
-    let mut kept = Kept::new();
+    let most_steps = finer.map_or(0, OwnResolution::most_steps);
+    let mut kept = Kept { regions: HashMap::new(), most_steps };
     let (mut promoted, mut promoted_for_bytes) = (0, 0);
     for round in 1.. {
         clock.stage("close")?;
@@ -126,7 +134,7 @@ pub fn chart_texel_encode(
                 promoted_for_bytes += 1;
             }
         }
-        let mut shown = show(surface, signal, lit, &is_texture, &detached, plan, &mut kept, clock)?;
+        let mut shown = show(surface, signal, finer, lit, &is_texture, &detached, plan, &mut kept, clock)?;
         let light = SnapshotLight { layers: &lit.layers, values: &lit.values, shown: Some(&shown) };
         clock.show(&Snapshot { surface, plan, light: Some(light) });
         clock.stage("check")?;
@@ -178,7 +186,7 @@ pub fn full_texture(
         decision_bound: plan.max_error,
     };
     let detached = vec![false; mesh.vertex_count()];
-    show(surface, signal, &lit, &is_texture, &detached, plan, &mut Kept::new(), clock)
+    show(surface, signal, None, &lit, &is_texture, &detached, plan, &mut Kept::default(), clock)
 }
 
 /// What texels and split vertices cost, before anything is packed.
@@ -203,19 +211,47 @@ pub fn light_stride(profile: Profile, layers: usize) -> u64 {
     (profile.attributes(layers) * profile.stride()) as u64
 }
 
+/// Texels a side of the largest chart whose texels are finer than those of the bake: as many as a page has rows. A texture on
+/// two triangles needs them as large as it is.
+const LARGEST_FINE_CHART: u32 = MAX_STACK / BLOCK * BLOCK;
+
 /// Share of the atlas that charts and their gutters fill; docs/PACKING.md has the measurements.
 const EXPECTED_FILL: f64 = 0.8;
 
 /// How far an entry of a table may be from the colors that it stands for, as a share of the bound.
 const TABLE_SHARE: f32 = 0.2;
 
-type Kept = HashMap<Vec<TriangleId>, Region>;
+/// What rounds leave for the next.
+#[derive(Default)]
+struct Kept {
+    regions: HashMap<Vec<TriangleId>, Region>,
+    /// Steps that texels are finer by than those of the bake at most.
+    most_steps: u8,
+}
+
+impl Kept {
+    /// Makes the finest texels coarser, by at least one step, so that what needed too many may fit.
+    fn coarsen(&mut self, texels: u64, limit: u64) {
+        let steps =
+            (1..self.most_steps).find(|&s| texels as f64 <= limit as f64 * authored::finer(s).powi(2));
+        self.cut(self.most_steps - steps.unwrap_or(self.most_steps));
+    }
+
+    /// Cuts the steps; charts of before have the wrong texels.
+    fn cut(&mut self, most_steps: u8) {
+        if most_steps < self.most_steps {
+            self.most_steps = most_steps;
+            self.regions.clear();
+        }
+    }
+}
 
 /// One round: charts, texels, codes.
 #[allow(clippy::too_many_arguments)] // a line of the pipeline: each argument is one stage's product
 fn show(
     surface: &Surface<'_>,
     signal: &dyn Signal,
+    finer: Option<&OwnResolution<'_>>,
     lit: &Lit,
     is_texture: &[bool],
     detached: &[bool],
@@ -224,13 +260,11 @@ fn show(
     clock: &mut Clock<'_>,
 ) -> Result<Shown, BakeError> {
     let (mesh, channels) = (&surface.mesh, lit.layers.channels());
-    let regions = regions(&surface.adjacency, is_texture);
-    add_regions(surface, signal, &lit.layers, &regions, plan, kept, clock)?;
-
-    clock.stage("texel")?;
+    let (regions, packing) = chart_regions(surface, finer, is_texture, plan, kept, clock)?;
+    light_regions(surface, signal, finer, &lit.layers, plan, kept, clock)?;
     let mut shown_charts = ShownCharts::default();
     for region in &regions {
-        shown_charts.add(&kept[region]);
+        shown_charts.add(&kept.regions[region]);
     }
     let ShownCharts { charts, texels, mut values, valid, variances, shaded, rays } = shown_charts;
     let holds = border_holds(surface, is_texture, &charts, &lit.values, channels);
@@ -242,8 +276,6 @@ fn show(
         ..StitchOptions::default()
     };
     let stitched = stitch(mesh, &charts, &texels, &mut values, channels, &options)?;
-    clock.stage("pack")?;
-    let packing = pack(&charts, &PackOptions { gutter: GUTTER_TEXELS, ..PackOptions::default() })?;
     let atlas = compose(&charts, &texels, &values, channels, &packing)?;
     let mut stored = Stored::new(&atlas, &lit.layers, plan.max_error, plan.profile);
 
@@ -290,49 +322,143 @@ fn show(
         rounds: 0,
         promoted: 0,
         promoted_for_bytes: 0,
+        most_steps: kept.most_steps,
     })
 }
 
-/// Charts and lights the regions that no earlier round had.
-fn add_regions(
+/// Charts the regions that no earlier round had, and packs all of them; with coarser texels where finer ones than those of the
+/// bake do not fit.
+fn chart_regions(
+    surface: &Surface<'_>,
+    finer: Option<&OwnResolution<'_>>,
+    is_texture: &[bool],
+    plan: &Plan,
+    kept: &mut Kept,
+    clock: &mut Clock<'_>,
+) -> Result<(Vec<Vec<TriangleId>>, Packing), BakeError> {
+    loop {
+        if let Some(finer) = finer {
+            kept.cut(finer.affordable_steps(is_texture, kept.most_steps, plan.radius));
+        }
+        let of_steps = match finer {
+            Some(finer) => finer.regions(is_texture, kept.most_steps),
+            None => regions(&surface.adjacency, is_texture).into_iter().map(|r| (0, r)).collect(),
+        };
+        clock.stage("chart")?;
+        let new: Vec<_> = of_steps.iter().filter(|(_, r)| !kept.regions.contains_key(r)).collect();
+        for group in new.chunk_by(|(a, _), (b, _)| a == b) {
+            let (steps, regions): (Vec<u8>, Vec<Vec<TriangleId>>) =
+                group.iter().map(|r| (*r).clone()).unzip();
+            add_charts(surface, steps[0], regions, plan, kept)?;
+        }
+        clock.stage("pack")?;
+        let regions: Vec<Vec<TriangleId>> = of_steps.into_iter().map(|(_, region)| region).collect();
+        let charts: Vec<Chart> =
+            regions.iter().flat_map(|r| kept.regions[r].charts.iter().cloned()).collect();
+        match pack(&charts, &PackOptions { gutter: GUTTER_TEXELS, ..PackOptions::default() }) {
+            Err(PackError::AtlasFull { texels, limit }) if kept.most_steps > 0 => kept.coarsen(texels, limit),
+            packing => return Ok((regions, packing?)),
+        }
+    }
+}
+
+/// Charts regions with texels that are finer by some steps.
+fn add_charts(
+    surface: &Surface<'_>,
+    steps: u8,
+    new: Vec<Vec<TriangleId>>,
+    plan: &Plan,
+    kept: &mut Kept,
+) -> Result<(), BakeError> {
+    let mut options = ChartOptions { gutter: GUTTER_TEXELS, ..ChartOptions::new(plan.radius) };
+    if steps > 0 {
+        options.texel_size = (f64::from(plan.radius) / authored::finer(steps)) as f32;
+        options.max_size = LARGEST_FINE_CHART;
+    }
+    let (new_charts, _) = charts(&surface.mesh, &surface.adjacency, &new, &options)?;
+    let mut region_of: Vec<(TriangleId, usize)> =
+        new.iter().enumerate().flat_map(|(r, region)| region.iter().map(move |&t| (t, r))).collect();
+    region_of.sort_unstable();
+    let mut made: Vec<Region> = new.iter().map(|_| Region { steps, ..Region::default() }).collect();
+    for chart in new_charts {
+        let at = region_of.binary_search_by_key(&chart.triangles[0], |(t, _)| *t);
+        made[region_of[at.expect("a chart's triangles come from a region")].1].charts.push(chart);
+    }
+    kept.regions.extend(new.into_iter().zip(made));
+    Ok(())
+}
+
+/// Lights the charts of regions that have no light yet.
+fn light_regions(
     surface: &Surface<'_>,
     signal: &dyn Signal,
+    finer: Option<&OwnResolution<'_>>,
     layers: &Layers,
-    regions: &[Vec<TriangleId>],
     plan: &Plan,
     kept: &mut Kept,
     clock: &mut Clock<'_>,
 ) -> Result<(), BakeError> {
-    let new: Vec<Vec<TriangleId>> = regions.iter().filter(|r| !kept.contains_key(*r)).cloned().collect();
-    clock.stage("chart")?;
-    let options = ChartOptions { gutter: GUTTER_TEXELS, ..ChartOptions::new(plan.radius) };
-    let (new_charts, _) = charts(&surface.mesh, &surface.adjacency, &new, &options)?;
     clock.stage("texel")?;
-    let texels = lift(&surface.mesh, &surface.adjacency, &new_charts, plan.seed);
-    let estimates = shade_texels(surface, signal, layers, &texels, plan, clock)?;
-
-    let mut region_of: Vec<(TriangleId, usize)> =
-        new.iter().enumerate().flat_map(|(r, region)| region.iter().map(move |&t| (t, r))).collect();
-    region_of.sort_unstable();
-    let mut made: Vec<Region> = new.iter().map(|_| Region::default()).collect();
-    for ((chart, texels), light) in new_charts.into_iter().zip(texels).zip(estimates) {
-        let at = region_of.binary_search_by_key(&chart.triangles[0], |(t, _)| *t);
-        let region = &mut made[region_of[at.expect("a chart's triangles come from a region")].1];
-        region.charts.push(chart);
-        region.texels.push(texels);
-        region.light.push(light);
+    let mut dark: Vec<&mut Region> = kept.regions.values_mut().filter(|r| r.light.is_empty()).collect();
+    // In the order of their triangles, whatever region they are of.
+    let mut new: Vec<(u8, TriangleId, usize, Chart)> = Vec::new();
+    for (number, region) in dark.iter().enumerate() {
+        new.extend(region.charts.iter().map(|c| (region.steps, c.triangles[0], number, c.clone())));
     }
-    kept.extend(new.into_iter().zip(made));
+    new.sort_unstable_by_key(|&(steps, first, ..)| (steps, first));
+    for group in new.chunk_by_mut(|a, b| a.0 == b.0) {
+        let steps = group[0].0;
+        let (numbers, charts): (Vec<usize>, Vec<Chart>) =
+            group.iter_mut().map(|(_, _, number, chart)| (*number, std::mem::take(chart))).unzip();
+        let (texels, light) = match finer.filter(|_| steps > 0) {
+            Some(finer) => {
+                let ours = |texels: &[ChartTexels]| {
+                    shade_texels(surface, finer.signal.as_ref(), layers, texels, plan, clock)
+                };
+                finer.texels(&charts, steps, layers, plan, ours)?
+            }
+            None => {
+                let texels = lift(&surface.mesh, &surface.adjacency, &charts, plan.seed);
+                let mut light = shade_texels(surface, signal, layers, &texels, plan, clock)?;
+                light.iter_mut().zip(&texels).for_each(|(light, texels)| light.keep_hidden(texels));
+                (texels, light)
+            }
+        };
+        for (number, (texels, light)) in numbers.into_iter().zip(texels.into_iter().zip(light)) {
+            dark[number].texels.push(texels);
+            dark[number].light.push(light);
+        }
+    }
     Ok(())
 }
 
 /// The light of a chart's texels in unit values, by texel; those without a lift have none.
-struct TexelLight {
-    values: Vec<f32>,
-    variances: Vec<f32>,
-    valid: Vec<bool>,
-    shaded: usize,
-    rays: u64,
+pub struct TexelLight {
+    /// Texels x channels.
+    pub values: Vec<f32>,
+    /// Of the noisiest channel, as an error.
+    pub variances: Vec<f32>,
+    /// Not inside other geometry.
+    pub valid: Vec<bool>,
+    /// Points that rays were traced at.
+    pub shaded: usize,
+    /// Rays.
+    pub rays: u64,
+}
+
+impl TexelLight {
+    /// Of texels that show nothing yet.
+    pub fn dark(texels: usize, channels: usize) -> Self {
+        let (values, variances) = (vec![0.0; texels * channels], vec![0.0; texels]);
+        Self { values, variances, valid: vec![false; texels], shaded: 0, rays: 0 }
+    }
+
+    /// A chart that lies inside other geometry as a whole keeps the light that it has.
+    pub fn keep_hidden(&mut self, texels: &ChartTexels) {
+        if !self.valid.contains(&true) {
+            self.valid = texels.lift.iter().map(Option::is_some).collect();
+        }
+    }
 }
 
 /// Shades every lifted texel until its noise is low enough or its rays are spent.
@@ -371,13 +497,7 @@ fn shade_texels(
         .iter()
         .map(|t| {
             let count = t.len();
-            let mut own = TexelLight {
-                values: vec![0.0; count * channels],
-                variances: vec![0.0; count],
-                valid: vec![false; count],
-                shaded: 0,
-                rays: 0,
-            };
+            let mut own = TexelLight::dark(count, channels);
             for texel in (0..count).filter(|&texel| t.lift[texel].is_some()) {
                 let i = next.next().expect("one point per lifted texel");
                 own.values[texel * channels..][..channels].copy_from_slice(unit.value(i));
@@ -385,10 +505,6 @@ fn shade_texels(
                 own.valid[texel] = light.valid(i);
                 own.shaded += 1;
                 own.rays += u64::from(light.batches(i)) * u64::from(signal.rays_per_batch());
-            }
-            // A chart that lies inside other geometry as a whole keeps the light that it has.
-            if !own.valid.contains(&true) {
-                own.valid = t.lift.iter().map(Option::is_some).collect();
             }
             own
         })

@@ -68,7 +68,9 @@ impl Lit {
                 &self.values,
                 Decision::new(tighter, plan.max_error),
             );
-            self.needs_texture = verdicts.iter().map(|v| *v == Verdict::Texture).collect();
+            // What needed texture for another reason still does.
+            let needs = self.needs_texture.iter_mut().zip(&verdicts);
+            needs.for_each(|(needs, verdict)| *needs |= *verdict == Verdict::Texture);
         }
     }
 

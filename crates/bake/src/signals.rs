@@ -13,6 +13,7 @@ use lightkiln_light::{
 use lightkiln_mesh::SurfacePoint;
 use lightkiln_scene::{Slot, Textures};
 
+use crate::authored::TimesAuthored;
 use crate::harmonics::Judged;
 use crate::lighting::{AuthoredOcclusion, DEFAULT_BOUNCES, LightOptions};
 use crate::{BakeError, Surface};
@@ -171,7 +172,7 @@ impl FromStr for SignalChoice {
 }
 
 /// The layer that shows the occlusion textures themselves.
-const OCCLUSION_NAME: &str = "occlusion";
+pub(crate) const OCCLUSION_NAME: &str = "occlusion";
 
 /// What signals are made of.
 pub struct Stage<'a> {
@@ -196,6 +197,15 @@ impl Signals {
     /// [`BakeError::NoSignal`] for what the scene does not have, [`BakeError::Scene`] for images that are broken,
     /// [`BakeError::Light`] for lights that make no sense.
     pub fn on<'a>(&self, stage: &Stage<'a>) -> Result<Box<dyn Signal + 'a>, BakeError> {
+        let signal = self.alone_on(stage)?;
+        if stage.options.authored_occlusion.is_some_and(AuthoredOcclusion::is_multiplied) {
+            return TimesAuthored::on(signal, stage.surface);
+        }
+        Ok(signal)
+    }
+
+    /// The same without the occlusion textures of the file.
+    fn alone_on<'a>(&self, stage: &Stage<'a>) -> Result<Box<dyn Signal + 'a>, BakeError> {
         let mut parts = Vec::new();
         let mut rest = &self.0[..];
         while let Some(first) = rest.first() {
@@ -219,11 +229,7 @@ impl Signals {
             };
             rest = &rest[taken..];
         }
-        let signal = if parts.len() == 1 { parts.remove(0) } else { Box::new(Combined::new(parts)) };
-        if stage.options.authored_occlusion == Some(AuthoredOcclusion::Multiply) {
-            return stage.times_authored(signal);
-        }
-        Ok(signal)
+        Ok(if parts.len() == 1 { parts.remove(0) } else { Box::new(Combined::new(parts)) })
     }
 
     /// The same, with what their errors are judged by behind their layers ([`Judged`]).
@@ -232,6 +238,14 @@ impl Signals {
     /// As [`Self::on`].
     pub fn judged_on<'a>(&self, stage: &Stage<'a>) -> Result<Box<dyn Signal + 'a>, BakeError> {
         Ok(Judged::on(self.on(stage)?, stage.surface))
+    }
+
+    /// The same without the occlusion textures of the file.
+    ///
+    /// # Errors
+    /// As [`Self::on`].
+    pub fn unmultiplied_on<'a>(&self, stage: &Stage<'a>) -> Result<Box<dyn Signal + 'a>, BakeError> {
+        Ok(Judged::on(self.alone_on(stage)?, stage.surface))
     }
 
     /// Whether any of them is traced by rays. What is not has no noise.
@@ -288,26 +302,6 @@ impl Signals {
 }
 
 impl<'a> Stage<'a> {
-    /// A signal whose scalar layer is multiplied with the occlusion textures of the materials.
-    fn times_authored(&self, signal: Box<dyn Signal + 'a>) -> Result<Box<dyn Signal + 'a>, BakeError> {
-        self.surface.scene.check_occlusion_textures()?;
-        let mut first = 0;
-        let mut scalar = None;
-        for layer in signal.layers() {
-            // That one shows the textures themselves.
-            if layer.channels == 1 && layer.name != OCCLUSION_NAME {
-                scalar = Some(first);
-            }
-            first += layer.channels;
-        }
-        match (scalar, self.surface.scene.textures(Slot::Occlusion)?) {
-            (Some(channel), Some(textures)) => {
-                Ok(Box::new(TimesAuthored { signal, channel, surface: self.surface, textures }))
-            }
-            _ => Ok(signal),
-        }
-    }
-
     fn paths(&self, choices: &[SignalChoice]) -> Result<Box<dyn Signal + 'a>, BakeError> {
         let outputs: Vec<Output> = choices.iter().filter_map(SignalChoice::output).collect();
         let bounces = self.options.bounces.unwrap_or(DEFAULT_BOUNCES);
@@ -408,34 +402,6 @@ impl Signal for Shown<'_> {
         }
         out.fill(0.0);
         1.0
-    }
-}
-
-/// A signal one channel of which is multiplied with what the occlusion textures of the materials show.
-struct TimesAuthored<'a> {
-    signal: Box<dyn Signal + 'a>,
-    channel: usize,
-    surface: &'a Surface<'a>,
-    textures: Textures<'a>,
-}
-
-impl Signal for TimesAuthored<'_> {
-    fn layers(&self) -> &[Layer] {
-        self.signal.layers()
-    }
-
-    fn rays_per_batch(&self) -> u32 {
-        self.signal.rays_per_batch()
-    }
-
-    fn batch(&self, point: SurfacePoint, key: u64, batch: u32, out: &mut [f32]) -> f32 {
-        let backs = self.signal.batch(point, key, batch, out);
-        let (part, triangle) = self.surface.part_of(point.triangle);
-        let mut authored = [1.0];
-        if self.textures.sample(part, triangle, point.barycentric, &mut authored) {
-            out[self.channel] *= authored[0];
-        }
-        backs
     }
 }
 

@@ -262,10 +262,12 @@ impl From<ProfileName> for Profile {
 
 /// Names of [`AuthoredOcclusion`] on the command line.
 #[derive(Clone, Copy, Debug, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum AuthoredName {
-    /// Ours times theirs
+    /// Ours times theirs, with texels as fine as theirs
     Multiply,
+    /// Ours times theirs, with texels of one width everywhere
+    MultiplyCoarse,
     /// Materials that have one keep it and get no light
     Keep,
     /// Ours takes its place
@@ -276,6 +278,7 @@ impl From<AuthoredName> for AuthoredOcclusion {
     fn from(name: AuthoredName) -> Self {
         match name {
             AuthoredName::Multiply => Self::Multiply,
+            AuthoredName::MultiplyCoarse => Self::MultiplyCoarse,
             AuthoredName::Keep => Self::Keep,
             AuthoredName::Replace => Self::Replace,
         }
