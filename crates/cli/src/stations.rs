@@ -3,7 +3,7 @@
 use glam::Vec3;
 use lightkiln_bake::BakeError;
 use lightkiln_mesh::Mesh;
-use lightkiln_render::{Camera, Lens, View};
+use lightkiln_render::{Camera, Lens, View, frame};
 use lightkiln_scene::{Projection, Scene, SceneCamera};
 
 use crate::messages::{Exit, Failure};
@@ -87,11 +87,11 @@ impl Stations {
             Station::Orbit(view) => {
                 let size = sized(None);
                 let lens = pinhole(self.angle.map_or(LONG_LENS, tangent), size);
-                let camera = Camera::framing(&mesh.positions, self.target, *view, lens, self.zoom);
+                let camera = framing(mesh, self.target, *view, lens, self.zoom);
                 return Ok(Shot { camera, size });
             }
             Station::Eye(eye, at) => {
-                let (low, high) = mesh.bounds();
+                let [low, high] = frame_of(mesh);
                 let size = sized(None);
                 let angle = self.angle.unwrap_or(USUAL_ANGLE.to_radians());
                 let lens = Lens::Pinhole(pinhole(tangent(angle), size));
@@ -115,6 +115,18 @@ impl Stations {
         })?;
         Ok(Shot { camera: camera.zoomed(self.zoom), size })
     }
+}
+
+/// A camera that frames a mesh, but for what went astray.
+pub fn framing(mesh: &Mesh, target: Option<Vec3>, view: View, lens: [f32; 2], zoom: f32) -> Camera {
+    let [low, high] = frame_of(mesh);
+    let is_within = |p: &Vec3| p.cmpge(low).all() && p.cmple(high).all();
+    let points: Vec<Vec3> = mesh.positions.iter().copied().filter(is_within).collect();
+    Camera::framing(&points, target, view, lens, zoom)
+}
+
+fn frame_of(mesh: &Mesh) -> [Vec3; 2] {
+    frame(mesh.triangles.len(), |t| mesh.triangles[t].map(|v| mesh.positions[v.index()]))
 }
 
 /// Reads `X,Y,Z`.

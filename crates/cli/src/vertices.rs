@@ -16,7 +16,7 @@ use lightkiln_fit::{Mass, Method, Regularizer};
 use lightkiln_light::{Hit, Signal, Tracer};
 use lightkiln_mesh::{SurfacePoint, random};
 use lightkiln_render::picture::{BACKGROUND, covering};
-use lightkiln_render::{Camera, Panel, Picture, Smoothing, Subject, View, render, sheet};
+use lightkiln_render::{Panel, Picture, Smoothing, Subject, View, render, sheet};
 use lightkiln_report::bytes_text;
 
 use crate::arguments::{Common, QualityName};
@@ -24,7 +24,7 @@ use crate::commands::{print, use_threads};
 use crate::files::write_whole;
 use crate::messages::{Exit, Failure};
 use crate::progress::Stages;
-use crate::stations::{LONG_LENS, xyz};
+use crate::stations::{LONG_LENS, framing, xyz};
 
 /// What is fitted, and to how many samples.
 #[derive(Args)]
@@ -327,7 +327,7 @@ fn write_pictures(
     let channels = signal.channels();
     let size = [arguments.size as usize; 2];
     let lens = [LONG_LENS; 2];
-    let camera = Camera::framing(&surface.mesh.positions, arguments.target, view, lens, arguments.zoom);
+    let camera = framing(&surface.mesh, arguments.target, view, lens, arguments.zoom);
     let shot = |color: &(dyn Fn(&Hit) -> Vec3 + Sync)| {
         let subject = Subject { tracer, surfaces: surface, color: &covering(|hit, _| color(hit)) };
         render(&subject, &camera, size, Smoothing::Everywhere).over(BACKGROUND)

@@ -14,6 +14,7 @@
 
 pub mod camera;
 mod error;
+pub mod frame;
 pub mod letters;
 pub mod picture;
 pub mod shade;
@@ -23,6 +24,7 @@ pub mod tone;
 
 pub use camera::{Camera, Lens, Ray, View};
 pub use error::RenderError;
+pub use frame::frame;
 pub use picture::{Picture, Smoothing, Subject, render};
 pub use sheet::{Legend, Panel, sheet};
 pub use sight::Sight;
