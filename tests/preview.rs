@@ -11,7 +11,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use harness::{Folder, command, data, draft, succeed};
+use harness::{Folder, command, data, draft, succeed, unpacked};
 use lightkiln_bake::{BakeError, BakeOptions, Progress, Quality, Silent, Snapshot, bake};
 use serde_json::Value;
 
@@ -203,17 +203,19 @@ fn preview_shows_states_and_at_the_end_what_view_shows_of_the_same_bytes() {
         "--quiet".as_ref(),
     ]);
     let mut shown: Value = serde_json::from_slice(&preview.get("/model.json")).unwrap();
-    let block = preview.get(&format!("/{}", shown["block"].as_str().unwrap()));
+    let name = |block: &Value| format!("/{}", block.as_str().unwrap());
+    let blocks: Vec<Vec<u8>> =
+        shown["blocks"].as_array().unwrap().iter().map(|block| preview.get(&name(block))).collect();
     let mut expected: Value =
         serde_json::from_slice(&std::fs::read(site.join("model.json")).unwrap()).unwrap();
     assert!(shown["figures"].to_string().contains("RMSE"));
     for model in [&mut shown, &mut expected] {
         let model = model.as_object_mut().unwrap();
         model.remove("figures");
-        model.remove("block");
+        model.remove("blocks");
     }
     assert_eq!(shown, expected);
-    assert!(block == std::fs::read(site.join("model.bin")).unwrap());
+    assert!(blocks == ["geometry.bin", "light.bin"].map(|name| unpacked(&site.join(name))));
     // A page that is closed ends it.
     drop(told);
     let since = Instant::now();

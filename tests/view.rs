@@ -6,7 +6,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::Stdio;
 
-use harness::{Folder, command, data, draft, fail, glb_parts, succeed};
+use harness::{Folder, command, data, draft, fail, glb_parts, succeed, unpacked};
 use serde_json::Value;
 
 /// A folder with a small baked scene, `b.glb`, and its report.
@@ -79,14 +79,16 @@ fn view_export_is_a_site_of_the_baked_scene() {
     for section in ["positions", "codes0", "vertexCodes0", "fallback", "errors", "errorNormals"] {
         assert!(model["sections"][section]["bytes"].as_u64().expect("a section") > 0, "{section}");
     }
-    let end = model["sections"]
-        .as_object()
-        .expect("sections")
-        .values()
-        .map(|s| s["offset"].as_u64().expect("") + s["bytes"].as_u64().expect(""))
-        .max();
-    let length = std::fs::metadata(site.join("model.bin")).expect("written").len();
-    assert!(end.is_some_and(|end| end <= length && length < end + 4));
+    for (number, name) in ["geometry.bin", "light.bin"].into_iter().enumerate() {
+        assert_eq!(model["blocks"][number], name);
+        let sections = model["sections"].as_object().expect("sections").values();
+        let end = sections
+            .filter(|section| section["block"] == number)
+            .map(|s| s["offset"].as_u64().expect("") + s["bytes"].as_u64().expect(""))
+            .max();
+        let length = unpacked(&site.join(name)).len() as u64;
+        assert!(end.is_some_and(|end| end <= length && length < end + 4));
+    }
     assert!(model["figures"]["lines"].to_string().contains("RMSE"));
 }
 

@@ -154,3 +154,11 @@ pub fn glb(json: &Value, binary: &[u8]) -> Vec<u8> {
     }
     bytes
 }
+
+/// What is in a file that is compressed with gzip.
+pub fn unpacked(path: &Path) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let file = std::fs::File::open(path).expect("there");
+    std::io::Read::read_to_end(&mut flate2::read::GzDecoder::new(file), &mut bytes).expect("gzip");
+    bytes
+}

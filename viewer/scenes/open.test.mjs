@@ -73,7 +73,8 @@ for (const [engine, { page: path, setUp, picture, white }] of Object.entries(ENG
 /** Bytes of the page's files that a model takes, without pictures of its surfaces. */
 async function bytesOf(url) {
   const about = await (await fetch(new URL('model.json', url))).text()
-  return about.length + (await (await fetch(new URL(JSON.parse(about).block, url))).arrayBuffer()).byteLength
+  const blocks = JSON.parse(about).blocks.map(async (name) => (await (await fetch(new URL(name, url))).arrayBuffer()).byteLength)
+  return (await Promise.all(blocks)).reduce((sum, bytes) => sum + bytes, about.length)
 }
 
 for (const { name, bytes: { length } } of bakedFiles) {

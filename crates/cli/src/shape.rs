@@ -1,15 +1,19 @@
 //! What the page draws of a scene, apart from its light: vertices, looks, and which triangles are drawn alike. Light is put
 //! on it as codes of corners, from a file or from a bake that is still going on.
 
-use std::collections::BTreeMap;
+use std::array::from_fn;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
 
+use glam::Vec3;
 use lightkiln_bake::file_light::LayerInfo;
 use lightkiln_bake::{BakeError, Surface};
 use lightkiln_encode::LightCode;
 use lightkiln_light::{Curve, Scale};
 use lightkiln_mesh::TriangleId;
-use lightkiln_page::{Group, Image, LayerModel, Model, Texture};
-use lightkiln_scene::{AlphaMode, Appearance, Scene, Wrap};
+use lightkiln_page::{Geometry, Group, Image, LayerModel, Model, Texture};
+use lightkiln_render::frame;
+use lightkiln_scene::{AlphaMode, Appearance, Part, Scene, Wrap};
 
 /// Coverage below which nothing is drawn: of a triangle, where transmission makes it glass that the page looks through, and
 /// of a point of a material that blends.
@@ -22,14 +26,17 @@ const PLACES: [[f32; 2]; 7] =
 /// A scene as the page draws it, without light.
 #[derive(Default)]
 pub struct Shape {
-    /// Everything that light does not change. Its vertices are those of the file, one for each primitive that uses them.
-    bare: Model,
+    /// Everything that light does not change.
+    geometry: Arc<Geometry>,
     /// The part and the number there of each triangle, in the order in which they are drawn.
     sources: Vec<(usize, usize)>,
 }
 
 /// What tells groups apart: sidedness, texture, and the bits of the cutoff.
 type Looks = (bool, Option<usize>, u32);
+
+/// What tells vertices of a part apart: the bits of position, normal, base color and texture coordinates.
+type Vertex = [u32; 12];
 
 /// A triangle of a group.
 struct Drawn {
@@ -68,7 +75,7 @@ impl Shape {
     /// # Errors
     /// Attributes and references that are faulty.
     pub fn new(scene: &Scene, file: &str) -> Result<Self, BakeError> {
-        let mut bare = Model { name: file.to_owned(), is_lit: true, ..Model::default() };
+        let mut bare = Geometry { name: file.to_owned(), ..Geometry::default() };
         let mut seen = Seen::default();
         let mut grouped: BTreeMap<Looks, Vec<Drawn>> = BTreeMap::new();
         for (number, part) in scene.parts.iter().enumerate() {
@@ -78,14 +85,10 @@ impl Shape {
                 .collect::<Result<_, _>>()?;
             let textures: Vec<Option<usize>> =
                 looks.iter().map(|l| seen.texture(scene, &mut bare, l)).collect();
-            // The vertex of the model for each vertex of the part, primitive by primitive: they follow each other.
-            let mut made = vec![u32::MAX; part.positions.len()];
-            let mut current = None;
+            let is_flat = flat_vertices(part);
+            let mut made: HashMap<Vertex, u32> = HashMap::new();
             for (triangle, &corners) in part.triangles.iter().enumerate() {
                 let primitive = part.triangle_primitives[triangle] as usize;
-                if current.replace(primitive) != Some(primitive) {
-                    made.fill(u32::MAX);
-                }
                 let flags = scene.triangle_flags(number, triangle);
                 let covers = |&place: &[f32; 2]| scene.triangle_opacity(number, triangle, place) >= THIN;
                 if flags.translucent && !PLACES.iter().any(covers) {
@@ -95,17 +98,22 @@ impl Shape {
                 let of_file = scene.gltf_corners(number, triangle);
                 let vertices = [0, 1, 2].map(|corner| {
                     let (vertex, of_file) = (corners[corner] as usize, of_file[corner] as usize);
-                    if made[vertex] == u32::MAX {
-                        made[vertex] = bare.positions.len() as u32;
-                        bare.positions.push(part.positions[vertex].to_array());
-                        bare.normals.push(part.normals[vertex].to_array());
-                        bare.parts.push(number as u32);
-                        let color = looks.colors.get(of_file).copied().unwrap_or([1.0; 4]);
-                        bare.base_colors.push(std::array::from_fn(|c| looks.factor[c] * color[c]));
-                        let texture = looks.texture.as_ref();
-                        bare.uvs.push(texture.map_or([0.0; 2], |texture| texture.uv[of_file]));
-                    }
-                    made[vertex]
+                    let color = looks.colors.get(of_file).copied().unwrap_or([1.0; 4]);
+                    let base_color: [f32; 4] = from_fn(|c| looks.factor[c] * color[c]);
+                    // Without a picture it does not matter where on it.
+                    let texture = looks.texture.as_ref().filter(|_| textures[primitive].is_some());
+                    let uv = texture.map_or([0.0; 2], |texture| texture.uv[of_file]);
+                    let position = part.positions[vertex].to_array();
+                    let normal = if is_flat[vertex] { [0.0; 3] } else { part.normals[vertex].to_array() };
+                    let numbers = [&position[..], &normal, &base_color, &uv].concat();
+                    let key: Vertex = from_fn(|n| numbers[n].to_bits());
+                    *made.entry(key).or_insert_with(|| {
+                        bare.positions.push(position);
+                        bare.normals.push(normal);
+                        bare.base_colors.push(base_color);
+                        bare.uvs.push(uv);
+                        bare.positions.len() as u32 - 1
+                    })
                 });
                 let cutoff = match looks.alpha_mode {
                     AlphaMode::Opaque => 0.0,
@@ -127,69 +135,83 @@ impl Shape {
             bare.triangles.extend(triangles.iter().map(|drawn| drawn.vertices));
             sources.extend(triangles.iter().map(|drawn| drawn.source));
         }
+        let in_runs = |a: &(usize, usize), b: &(usize, usize)| a.0 == b.0;
+        bare.parts = sources.chunk_by(in_runs).map(|run| (run[0].0 as u32, run.len() as u32)).collect();
+        let corners = |t: usize| bare.triangles[t].map(|v| Vec3::from(bare.positions[v as usize]));
+        bare.frame = frame(bare.triangles.len(), corners).map(|corner| corner.to_array());
         if bare.textures.is_empty() {
             bare.uvs.clear();
         }
-        Ok(Self { bare, sources })
+        Ok(Self { geometry: bare.into(), sources })
     }
 
-    /// The scene with light on it. Vertices whose corners show different things become several.
+    /// The scene with light on it. Of vertices whose corners show different things, copies are made.
     ///
     /// - `fallback`: per part, per triangle: what viewers see at its corners that do not know the extension; empty if
     ///   nothing
     /// - returns: the model, whose layers are still to be filled in, and the codes of its vertices, set by set
     pub fn lit(&self, sets: &[CodeSet], fallback: &[Vec<[[f32; 3]; 3]>]) -> (Model, Vec<Vec<LightCode>>) {
-        let bare = &self.bare;
-        // First vertex of the new model for each bare one, and the next for the same one.
-        let (mut first, mut next): (Vec<u32>, Vec<u32>) = (vec![u32::MAX; bare.positions.len()], Vec::new());
-        let (mut origins, mut own): (Vec<u32>, Vec<Vec<LightCode>>) =
-            (Vec::new(), vec![Vec::new(); sets.len()]);
-        let (mut shown, mut triangles) = (Vec::new(), Vec::with_capacity(bare.triangles.len()));
-        let mut of_corners = vec![[LightCode::default(); 3]; sets.len()];
+        let geometry = &self.geometry;
+        let count = geometry.positions.len();
+        // Whether a vertex has its codes, and the next one in the same place.
+        let (mut is_taken, mut next) = (vec![false; count], vec![u32::MAX; count]);
+        let mut own = vec![vec![LightCode::default(); count]; sets.len()];
         let has_fallback = fallback.iter().any(|part| !part.is_empty());
-        for (corners, &(part, triangle)) in bare.triangles.iter().zip(&self.sources) {
+        let mut shown = if has_fallback { vec![[1.0; 3]; count] } else { Vec::new() };
+        let (mut copies, mut moved) = (Vec::new(), Vec::new());
+        let mut of_corners = vec![[LightCode::default(); 3]; sets.len()];
+        for (number, (corners, &(part, triangle))) in geometry.triangles.iter().zip(&self.sources).enumerate()
+        {
             of_corners.iter_mut().zip(sets).for_each(|(out, set)| *out = set.at(part, triangle));
             let plain = fallback.get(part).and_then(|part| part.get(triangle)).unwrap_or(&[[1.0; 3]; 3]);
-            triangles.push([0, 1, 2].map(|k| {
-                let bare_vertex = corners[k] as usize;
-                let mut at = first[bare_vertex];
-                while at != u32::MAX && (0..sets.len()).any(|set| own[set][at as usize] != of_corners[set][k])
-                {
-                    at = next[at as usize];
+            for (k, &vertex) in corners.iter().enumerate() {
+                let mut at = vertex as usize;
+                let differs = |own: &[Vec<LightCode>], at: usize| {
+                    own.iter().zip(&of_corners).any(|(own, corners)| own[at] != corners[k])
+                };
+                while is_taken[at] && differs(&own, at) {
+                    if next[at] == u32::MAX {
+                        next[at] = is_taken.len() as u32;
+                        copies.push(vertex);
+                        is_taken.push(false);
+                        next.push(u32::MAX);
+                        own.iter_mut().for_each(|own| own.push(LightCode::default()));
+                        shown.extend(has_fallback.then_some([1.0; 3]));
+                    }
+                    at = next[at] as usize;
                 }
-                if at == u32::MAX {
-                    at = origins.len() as u32;
-                    origins.push(bare_vertex as u32);
-                    own.iter_mut().zip(&of_corners).for_each(|(own, corners)| own.push(corners[k]));
-                    next.push(std::mem::replace(&mut first[bare_vertex], at));
+                if !is_taken[at] {
+                    is_taken[at] = true;
+                    own.iter_mut().zip(&of_corners).for_each(|(own, corners)| own[at] = corners[k]);
                     if has_fallback {
-                        shown.push(plain[k]);
+                        shown[at] = plain[k];
                     }
                 }
-                at
-            }));
+                if at != vertex as usize {
+                    moved.push([3 * number as u32 + k as u32, at as u32]);
+                }
+            }
         }
-        fn chosen<T: Copy>(of: &[T], origins: &[u32]) -> Vec<T> {
-            if of.is_empty() { Vec::new() } else { origins.iter().map(|&o| of[o as usize]).collect() }
-        }
-        let model = Model {
-            name: bare.name.clone(),
-            part_names: bare.part_names.clone(),
-            positions: chosen(&bare.positions, &origins),
-            normals: chosen(&bare.normals, &origins),
-            base_colors: chosen(&bare.base_colors, &origins),
-            uvs: chosen(&bare.uvs, &origins),
-            parts: chosen(&bare.parts, &origins),
-            fallback: shown,
-            triangles,
-            groups: bare.groups.clone(),
-            textures: bare.textures.clone(),
-            images: bare.images.clone(),
-            is_lit: true,
-            ..Model::default()
-        };
-        (model, own)
+        let geometry = Arc::clone(geometry);
+        (Model { geometry, copies, moved, fallback: shown, is_lit: true, ..Model::default() }, own)
     }
+}
+
+/// How far from a triangle's own direction the normals of a flat one may be, as a cosine: what bytes do not tell apart.
+const FLAT: f32 = 1.0 - 1e-6;
+
+/// Per vertex of a part: whether all its triangles are flat. The page knows the normals of these by itself, and vertices
+/// that are one but for normals become one; the geometry of a file without normals is a third as large.
+fn flat_vertices(part: &Part) -> Vec<bool> {
+    let mut is_flat = vec![true; part.positions.len()];
+    for corners in &part.triangles {
+        let [a, b, c] = corners.map(|v| part.positions[v as usize]);
+        let own = (b - a).cross(c - a).normalize_or_zero();
+        if own != Vec3::ZERO && corners.iter().any(|&v| part.normals[v as usize].dot(own) < FLAT) {
+            corners.iter().for_each(|&v| is_flat[v as usize] = false);
+        }
+    }
+    is_flat
 }
 
 /// Images and textures that the model has already.
@@ -201,7 +223,7 @@ struct Seen {
 
 impl Seen {
     /// The number of a primitive's texture in the model.
-    fn texture(&mut self, scene: &Scene, model: &mut Model, looks: &Appearance) -> Option<usize> {
+    fn texture(&mut self, scene: &Scene, model: &mut Geometry, looks: &Appearance) -> Option<usize> {
         let texture = looks.texture.as_ref()?;
         let image = *self.images.entry(texture.image).or_insert_with(|| {
             let (kind, bytes) = scene.image_file(texture.image)?;

@@ -66,7 +66,7 @@ test('the page shows a bake before its end, refines it, and ends as the page of 
   execFileSync(PROGRAM, ['view', file('watched.glb'), '--export', file('site'), '--quiet'])
   const expected = JSON.parse(readFileSync(file('site/model.json')))
   const shown = await page.evaluate(() => globalThis.lightkiln.model.about)
-  for (const about of [expected, shown]) delete about.figures, delete about.block
+  for (const about of [expected, shown]) delete about.figures, delete about.blocks
   assert.deepEqual(shown, expected)
   assert.deepEqual(complaints, [])
   await page.close()

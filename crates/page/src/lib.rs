@@ -7,7 +7,7 @@
 //! | [`advice`] | what to change to get smaller, from the figures |
 //! | [`svg`] | bars and histograms |
 //! | [`html`] | text that is safe within markup |
-//! | [`model`] | a baked scene as the viewer takes it: one block of numbers and a description |
+//! | [`model`] | a baked scene as the viewer takes it: two blocks of numbers and a description |
 //! | [`charts`] | charts, found again from codes |
 //! | [`site`] | the viewer's files |
 //! | [`live`] | a site that changes while a bake goes on |
@@ -27,7 +27,7 @@ pub mod site;
 pub mod svg;
 
 pub use live::{Live, Phase, Status};
-pub use model::{ErrorPoint, FullTexture, Group, Image, LayerModel, Model, Texture};
+pub use model::{ErrorPoint, FullTexture, Geometry, Group, Image, LayerModel, Model, Texture};
 pub use report::{Figure, report_page};
 pub use server::Server;
 pub use site::Site;

@@ -5,13 +5,13 @@
 //! to stop.
 
 use std::io::Write;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
 use crate::model::Model;
-use crate::site::{File, Site};
+use crate::site::{File, Laid, Site};
 
 /// Path of the stream of events.
 pub const EVENTS: &str = "/events";
@@ -120,12 +120,16 @@ impl Live {
         });
     }
 
-    /// Shows another model from now on.
+    /// Shows another model from now on. A geometry that is shown already is neither packed nor sent again.
     pub fn publish(&self, model: &Model) {
-        let version = self.state().status.version + 1;
-        let packed = model.pack();
+        let (version, shown) = {
+            let state = self.state();
+            (state.status.version + 1, state.site.shown(&model.geometry))
+        };
+        let geometry = shown.unwrap_or_else(|| Laid::new(&model.geometry, true, version));
+        let light = model.pack();
         self.change(|state| {
-            state.site.put_model(&model.images, packed, version);
+            state.site.put_model(geometry, light, version);
             state.status.version = version;
         });
     }
@@ -157,7 +161,7 @@ impl Live {
     }
 
     /// The file at a path.
-    pub(crate) fn file(&self, path: &str) -> Option<File> {
+    pub(crate) fn file(&self, path: &str) -> Option<Arc<File>> {
         self.state().site.at(path).cloned()
     }
 
@@ -226,7 +230,6 @@ impl Live {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
     use std::sync::mpsc::{Receiver, Sender, channel};
 
     use super::*;
@@ -308,20 +311,24 @@ mod tests {
     }
 
     #[test]
-    fn live_keeps_the_block_of_the_version_before() {
+    fn live_keeps_the_blocks_of_the_version_before() {
         let live = Live::of_bake();
-        let block = |live: &Live| {
+        let blocks = || -> Vec<String> {
             let json: serde_json::Value =
                 serde_json::from_slice(&live.file("/model.json").expect("there").bytes).expect("JSON");
-            format!("/{}", json["block"].as_str().expect("a name"))
+            let names = json["blocks"].as_array().expect("blocks").iter();
+            names.map(|name| format!("/{}", name.as_str().expect("a name"))).collect()
         };
-        live.publish(&model());
-        let first = block(&live);
-        live.publish(&model());
-        let second = block(&live);
-        assert_ne!(first, second);
-        assert!(live.file(&first).is_some() && live.file(&second).is_some());
-        live.publish(&model());
-        assert!(live.file(&first).is_none() && live.file(&second).is_some());
+        let there =
+            |blocks: &[String]| -> Vec<bool> { blocks.iter().map(|b| live.file(b).is_some()).collect() };
+        // The same geometry twice, and another one twice.
+        let (first, second) = (model(), model());
+        let [a, b, c, d] = [&first, &first, &second, &second].map(|model| {
+            live.publish(model);
+            blocks()
+        });
+        assert!(a[0] == b[0] && b[0] != c[0] && c[0] == d[0] && a[1] != b[1]);
+        assert_eq!([&a, &b, &c, &d].map(|blocks| there(blocks)[1]), [false, false, true, true]);
+        assert_eq!((there(&b)[0], there(&d)), (false, vec![true, true]));
     }
 }

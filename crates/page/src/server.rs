@@ -17,6 +17,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use crate::live::{CANCEL, EVENTS, Live};
+use crate::site::File;
 
 /// A request may have as many bytes before its body; what is longer is no browser's.
 const LONGEST_HEAD: u64 = 16 * 1024;
@@ -90,8 +91,9 @@ fn answer(stream: &TcpStream, live: &Live, port: u16) -> std::io::Result<()> {
     }
     let mut stream = stream;
     match reply(&String::from_utf8_lossy(&head), live, port) {
-        Reply::Whole(reply) => live.answer(|| {
-            stream.write_all(&reply)?;
+        Reply::Whole(head, file) => live.answer(|| {
+            stream.write_all(&head)?;
+            stream.write_all(file.as_ref().map_or(&[], |file| &file.bytes))?;
             stream.flush()
         }),
         Reply::Events(head) => {
@@ -103,8 +105,8 @@ fn answer(stream: &TcpStream, live: &Live, port: u16) -> std::io::Result<()> {
 
 /// What a request is answered with.
 enum Reply {
-    /// All of it.
-    Whole(Vec<u8>),
+    /// All of it: what stands before the file, and the file, if it is sent.
+    Whole(Vec<u8>, Option<Arc<File>>),
     /// What stands before the events of a bake.
     Events(Vec<u8>),
 }
@@ -146,11 +148,7 @@ fn reply(request: &str, live: &Live, port: u16) -> Reply {
         return Reply::Events(head("text/event-stream", None));
     }
     let Some(file) = live.file(path) else { return refusal("404 Not Found") };
-    let mut reply = head(file.kind, Some(file.bytes.len()));
-    if method == "GET" {
-        reply.extend_from_slice(&file.bytes);
-    }
-    Reply::Whole(reply)
+    Reply::Whole(head(file.kind, Some(file.bytes.len())), (method == "GET").then_some(file))
 }
 
 /// The head of an answer that is given.
@@ -173,7 +171,7 @@ fn refusal(status: &str) -> Reply {
         "HTTP/1.1 {status}\r\ncontent-type: text/plain\r\ncontent-length: {}\r\n{APART}connection: close\r\n\r\n{status}\n",
         status.len() + 1
     );
-    Reply::Whole(text.into_bytes())
+    Reply::Whole(text.into_bytes(), None)
 }
 
 #[cfg(test)]
@@ -187,7 +185,7 @@ mod tests {
     }
 
     fn status_of(request: &str, live: &Live) -> String {
-        let (Reply::Whole(reply) | Reply::Events(reply)) = reply(request, live, 4711);
+        let (Reply::Whole(reply, _) | Reply::Events(reply)) = reply(request, live, 4711);
         String::from_utf8_lossy(&reply).split("\r\n").next().expect("a line")["HTTP/1.1 ".len()..].to_owned()
     }
 

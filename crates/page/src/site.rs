@@ -1,11 +1,15 @@
 //! The viewer's files: the page and its modules, which are part of the program, and a model.
 
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
-use serde_json::Value;
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use serde_json::{Map, Value, json};
 
-use crate::model::{Image, Model};
+use crate::model::{Geometry, Model, Packed};
 
 /// A file of a site.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -20,7 +24,23 @@ pub struct File {
 #[derive(Clone, Debug, Default)]
 pub struct Site {
     /// By name, without a slash.
-    pub files: BTreeMap<String, File>,
+    pub files: BTreeMap<String, Arc<File>>,
+    /// Names of the blocks that are shown, and of those that were shown before.
+    blocks: [[String; 2]; 2],
+    /// The geometry that is shown.
+    geometry: Option<Arc<Laid>>,
+    /// Whether models follow each other.
+    is_live: bool,
+}
+
+/// A geometry as it lies in a site: its block is a file there.
+#[derive(Debug)]
+pub(crate) struct Laid {
+    geometry: Arc<Geometry>,
+    about: Map<String, Value>,
+    sections: Map<String, Value>,
+    file: Arc<File>,
+    version: u32,
 }
 
 /// The page and its modules.
@@ -48,7 +68,8 @@ impl Site {
     /// The viewer of a model.
     pub fn new(model: &Model) -> Self {
         let mut site = Self::page(false);
-        site.put_model(&model.images, model.pack(), 0);
+        let geometry = Laid::new(&model.geometry, site.is_live, 0);
+        site.put_model(geometry, model.pack(), 0);
         site
     }
 
@@ -58,9 +79,9 @@ impl Site {
     }
 
     /// The page and its modules. `live`: whether there are events that it can follow.
-    fn page(live: bool) -> Self {
-        let mut site = Self::default();
-        site.add("mode.js", SCRIPT, format!("export const LIVE = {live}\n").into());
+    fn page(is_live: bool) -> Self {
+        let mut site = Self { is_live, ..Self::default() };
+        site.add("mode.js", SCRIPT, format!("export const LIVE = {is_live}\n").into());
         for (name, kind, text) in PAGE {
             site.add(name, kind, text.into());
         }
@@ -70,35 +91,54 @@ impl Site {
         site
     }
 
-    /// Puts a model, packed, in the place of the one before, whose block stays one version longer for those who know its
-    /// name already.
+    /// The geometry that is shown, if that is this one.
+    pub(crate) fn shown(&self, geometry: &Arc<Geometry>) -> Option<Arc<Laid>> {
+        self.geometry.clone().filter(|laid| Arc::ptr_eq(&laid.geometry, geometry))
+    }
+
+    /// Puts a model in the place of the one before, whose blocks stay one version longer for those who know their names
+    /// already.
     ///
+    /// - `light`: of the model, packed
     /// - `version`: its number, one more than that of the model before; 0 for a model that stays
-    pub fn put_model(&mut self, images: &[Image], (mut description, block): (Value, Vec<u8>), version: u32) {
-        let name = |version: u32| match version {
-            0 => "model.bin".to_owned(),
-            _ => format!("model-{version}.bin"),
+    pub(crate) fn put_model(&mut self, geometry: Arc<Laid>, light: Packed, version: u32) {
+        let names =
+            [("geometry", geometry.version), ("light", version)].map(|(block, version)| match version {
+                0 => format!("{block}.bin"),
+                _ => format!("{block}-{version}.bin"),
+            });
+        let sections = geometry.sections.iter().map(|(name, at)| (name, at, 0));
+        let sections = sections.chain(light.sections.iter().map(|(name, at)| (name, at, 1)));
+        let in_block = |(name, at, block): (&String, &Value, usize)| {
+            (name.clone(), json!({ "block": block, "offset": at["offset"], "bytes": at["bytes"] }))
         };
-        description["block"] = name(version).into();
-        self.add("model.json", "application/json", description.to_string().into());
-        self.add(&name(version), "application/octet-stream", block);
-        if version > 2 {
-            self.files.remove(&name(version - 2));
+        let mut about = geometry.about.clone();
+        about.extend(light.about);
+        about.insert("sections".to_owned(), sections.map(in_block).collect::<Map<_, _>>().into());
+        about.insert("blocks".to_owned(), json!(names));
+        self.add("model.json", "application/json", Value::Object(about).to_string().into());
+        self.files.insert(names[0].clone(), Arc::clone(&geometry.file));
+        self.files.insert(names[1].clone(), block_file(light.bytes, self.is_live).into());
+        let [shown, before] = &mut self.blocks;
+        let gone = std::mem::replace(before, std::mem::replace(shown, names));
+        for name in gone.iter().filter(|&name| !shown.contains(name) && !before.contains(name)) {
+            self.files.remove(name);
         }
-        for (number, image) in images.iter().enumerate() {
+        for (number, image) in geometry.geometry.images.iter().enumerate() {
             let name = image.name(number);
             if self.files.get(&name).is_none_or(|known| known.bytes != image.bytes) {
                 self.add(&name, image.kind, image.bytes.clone());
             }
         }
+        self.geometry = Some(geometry);
     }
 
     fn add(&mut self, name: &str, kind: &'static str, bytes: Vec<u8>) {
-        self.files.insert(name.to_owned(), File { kind, bytes });
+        self.files.insert(name.to_owned(), File { kind, bytes }.into());
     }
 
     /// The file that a path of a request names; nothing but whole names of files is found.
-    pub fn at(&self, path: &str) -> Option<&File> {
+    pub fn at(&self, path: &str) -> Option<&Arc<File>> {
         let name = path.strip_prefix('/')?;
         self.files.get(if name.is_empty() { "index.html" } else { name })
     }
@@ -113,8 +153,32 @@ impl Site {
     }
 }
 
+impl Laid {
+    /// Packs a geometry.
+    ///
+    /// - `is_live`: whether models follow each other in its site
+    /// - `version`: of the first model that has it
+    pub(crate) fn new(geometry: &Arc<Geometry>, is_live: bool, version: u32) -> Arc<Self> {
+        let Packed { about, sections, bytes } = geometry.pack();
+        let (geometry, file) = (Arc::clone(geometry), block_file(bytes, is_live).into());
+        Arc::new(Self { geometry, about, sections, file, version })
+    }
+}
+
+/// A block as a file: as it is while models follow each other, where the time counts that it takes; else compressed with
+/// gzip, which the page undoes itself, so that no server needs to know.
+fn block_file(bytes: Vec<u8>, is_live: bool) -> File {
+    let compressed = |bytes: &[u8]| {
+        let mut out = GzEncoder::new(Vec::new(), Compression::fast());
+        out.write_all(bytes).and_then(|()| out.finish()).expect("memory takes everything")
+    };
+    File { kind: "application/octet-stream", bytes: if is_live { bytes } else { compressed(&bytes) } }
+}
+
 #[cfg(test)]
 mod tests {
+    use std::io::Read;
+
     use super::*;
     use crate::model::testing::model;
 
@@ -122,7 +186,7 @@ mod tests {
     fn site_finds_files_by_their_whole_names_only() {
         let site = Site::new(&model());
         assert_eq!(site.at("/"), site.at("/index.html"));
-        assert!(site.at("/model.bin").is_some());
+        assert!(site.at("/geometry.bin").is_some() && site.at("/light.bin").is_some());
         let others = [
             "",
             "index.html",
@@ -162,6 +226,20 @@ mod tests {
         let source: String = serde_json::from_str(vertex.trim_end_matches(';')).expect("a string");
         assert_eq!(source, SHADERS[0].1);
         assert!(text.contains("lightkilnLightTexel"));
+    }
+
+    #[test]
+    fn site_blocks_that_stay_are_compressed_and_those_of_a_bake_are_not() {
+        let (model, mut bake) = (model(), Site::of_bake());
+        bake.put_model(Laid::new(&model.geometry, true, 1), model.pack(), 1);
+        for (block, bytes) in [("geometry", model.geometry.pack().bytes), ("light", model.pack().bytes)] {
+            let mut still = Vec::new();
+            let site = Site::new(&model);
+            let file = &site.files[&format!("{block}.bin")];
+            flate2::read::GzDecoder::new(file.bytes.as_slice()).read_to_end(&mut still).expect("gzip");
+            assert_eq!(still, bytes);
+            assert_eq!(bake.files[&format!("{block}-1.bin")].bytes, bytes);
+        }
     }
 
     #[test]

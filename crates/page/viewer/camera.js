@@ -4,11 +4,17 @@ const FIELD = 0.25 // half the opening angle as a tangent: a long lens, as the p
 const FLATTEST = Math.PI / 2 - 1e-3
 
 export class Camera {
-  /** Frames a box so that all of it is seen. */
-  constructor([low, high]) {
-    this.middle = low.map((x, k) => (x + high[k]) / 2)
-    this.half = high.map((x, k) => (x - low[k]) / 2)
-    this.radius = Math.max(1e-6, Math.hypot(...this.half))
+  /**
+   * - `bounds`: corners of a box around all that is drawn
+   * - `frame`: those of the box that is seen at first
+   */
+  constructor(bounds, frame) {
+    const ball = ([low, high]) => {
+      const half = high.map((x, k) => (x - low[k]) / 2)
+      return { middle: low.map((x, k) => x + half[k]), half, radius: Math.max(1e-6, Math.hypot(...half)) }
+    }
+    this.all = ball(bounds)
+    Object.assign(this, ball(frame))
     this.reset()
   }
 
@@ -36,7 +42,7 @@ export class Camera {
   }
 
   closer(factor) {
-    this.distance = Math.min(this.radius * 100, Math.max(this.radius * 1e-3, this.distance / factor))
+    this.distance = Math.min(this.all.radius * 100, Math.max(this.radius * 1e-3, this.distance / factor))
   }
 
   /** Right, up and toward the eye. */
@@ -58,9 +64,9 @@ export class Camera {
   clipFromWorld(width, height) {
     const [x, y, z] = this.axes()
     const eye = this.eye()
-    const away = Math.hypot(...eye.map((e, k) => e - this.middle[k]))
-    const near = Math.max(away - 1.1 * this.radius, this.distance * 0.01)
-    const far = Math.max(away + 1.1 * this.radius, near * 2)
+    const away = Math.hypot(...eye.map((e, k) => e - this.all.middle[k]))
+    const near = Math.max(away - 1.1 * this.all.radius, this.distance * 0.01)
+    const far = Math.max(away + 1.1 * this.all.radius, near * 2)
     // The shorter side has the field, so that a phone held upright sees all as well.
     const narrow = Math.min(1, width / height)
     const [sx, sy] = [narrow / FIELD / (width / height), narrow / FIELD]

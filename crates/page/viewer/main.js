@@ -18,7 +18,7 @@ else await renew().catch(cannotShow)
 
 /** Shows the model as it is now; the first one starts the page. */
 async function renew(signal) {
-  const model = await load(signal)
+  const model = await load(signal, globalThis.lightkiln?.model)
   if (show) show(model)
   else show = start(model, new Renderer(at('view'), model))
 }
@@ -38,7 +38,7 @@ function start(model, renderer) {
   let { about } = model
   let choices
   const state = {
-    camera: new Camera(about.bounds), layer: 0, left: 'hybrid', right: model.has('vertexCodes0') ? 'vertices' : 'none', divider: 0.5, overlay: 'none',
+    camera: new Camera(about.bounds, about.frame), layer: 0, left: 'hybrid', right: model.has('vertexCodes0') ? 'vertices' : 'none', divider: 0.5, overlay: 'none',
     materials: true, wireframe: false, exposure: 0, harmonics: false, atlas: undefined, picked: undefined,
   }
   const wanted = {}
@@ -213,12 +213,12 @@ function start(model, renderer) {
   function describe({ triangle, weights }) {
     const corners = [...model.corners(triangle)]
     const kind = model.kind(triangle)
-    const words = [about.parts[model.ids[2 * corners[2] + 1]], `triangle ${triangle.toLocaleString('en')}`, kind]
+    const words = [model.partOf(triangle), `triangle ${triangle.toLocaleString('en')}`, kind]
     if (kind === 'texture') {
       const place = [0, 1].map((k) => corners.reduce((sum, v, c) => sum + weights[c] * model.place(v)[k], 0))
       const page = Math.floor(place[1] / about.pageSize[1])
       const texel = [Math.floor(place[0]), Math.floor(place[1]) - page * about.pageSize[1]]
-      words.push(`texel ${texel.join(', ')}`, `chart ${model.ids[2 * corners[2]]}`)
+      words.push(`texel ${texel.join(', ')}`, `chart ${model.charts[corners[2]]}`)
       if (about.layers[0].pages > 1) words.push(`page ${page}`)
     }
     return words.join(', ')

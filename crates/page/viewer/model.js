@@ -2,33 +2,49 @@
 
 import { LIVE } from './mode.js'
 
-/** - `signal`: ends it */
-export async function load(signal) {
+/**
+ * - `signal`: ends it
+ * - `known`: the model that was shown before, whose blocks are not fetched again
+ */
+export async function load(signal, known) {
   for (let again = 3; ; again--) {
-    const about = await fetched('model.json', 'json', signal)
+    const about = await (await fetched('model.json', signal)).json()
     try {
-      return new Model(about, await fetched(about.block, 'arrayBuffer', signal))
+      const blocks = about.blocks.map((name) => known?.blockOf(name) ?? block(name, signal))
+      return new Model(about, await Promise.all(blocks))
     } catch (error) {
-      // While a bake goes on, a block may be out of date before it is fetched.
+      // While a bake goes on, blocks may be out of date before they are fetched.
       if (!LIVE || again === 0 || signal?.aborted) throw error
     }
   }
 }
 
-async function fetched(name, as, signal) {
+async function fetched(name, signal) {
   const response = await fetch(name, { signal })
   if (!response.ok) throw new Error(`${name}: ${response.status}`)
-  return response[as]()
+  return response
+}
+
+/** A block of numbers. Those that stay as they are lie there compressed. */
+async function block(name, signal) {
+  const response = await fetched(name, signal)
+  return (LIVE ? response : new Response(response.body.pipeThrough(new DecompressionStream('gzip')))).arrayBuffer()
 }
 
 export class Model {
-  constructor(about, block) {
+  constructor(about, blocks) {
     this.about = about
-    this.block = block
-    this.positions = this.numbers('positions', Float32Array)
-    this.indices = this.numbers('indices', Uint32Array)
+    this.blocks = blocks
+    this.positions = new Float32Array(this.vertexData('positions').buffer)
+    this.indices = this.numbers('indices', Uint32Array).slice()
+    const moved = this.numbers('moved', Uint32Array)
+    for (let k = 0; k < moved.length; k += 2) this.indices[moved[k]] = moved[k + 1]
     this.codes = this.numbers('codes0', Uint16Array)
-    this.ids = this.numbers('ids', Uint32Array)
+    this.charts = this.has('charts') ? this.numbers('charts', this.chartBytes === 2 ? Uint16Array : Uint32Array) : undefined
+  }
+
+  blockOf(name) {
+    return this.blocks[this.about.blocks.indexOf(name)]
   }
 
   has(name) {
@@ -36,8 +52,33 @@ export class Model {
   }
 
   numbers(name, Type) {
-    const { offset, bytes } = this.about.sections[name]
-    return new Type(this.block, offset, bytes / Type.BYTES_PER_ELEMENT)
+    const { block, offset, bytes } = this.about.sections[name]
+    return new Type(this.blocks[block], offset, bytes / Type.BYTES_PER_ELEMENT)
+  }
+
+  /** What the geometry has of each vertex, copies of vertices among them, in words of 32 bits. */
+  vertexData(name) {
+    const first = this.numbers(name, Uint32Array)
+    const copies = this.numbers('copies', Uint32Array)
+    const width = first.length / (this.about.vertices - copies.length)
+    const all = new Uint32Array(width * this.about.vertices)
+    all.set(first)
+    for (let copy = 0, o = first.length; copy < copies.length; copy++) {
+      for (let k = 0; k < width; k++) all[o++] = first[width * copies[copy] + k]
+    }
+    return all
+  }
+
+  /** Bytes of the number of a vertex's chart. */
+  get chartBytes() {
+    return this.about.sections.charts.bytes / this.about.vertices
+  }
+
+  /** The name of a triangle's part. */
+  partOf(triangle) {
+    let end = 0
+    const [part] = this.about.partRuns.find(([, count]) => triangle < (end += count))
+    return this.about.parts[part]
   }
 
   /** Whether any layer shows the atlas. */
@@ -120,12 +161,26 @@ export class Model {
   triangleAt(vertex, at, where) {
     let best
     for (const triangle of this.endingAt(vertex)) {
-      const weights = barycentric(at, [...this.corners(triangle)].map(where))
+      const corners = [...this.corners(triangle)].map(where)
+      const weights = barycentric(at, corners)
       const least = Math.min(...weights)
-      if (!best || least > best.least) best = { triangle, weights, least }
+      const found = { triangle, weights, least, away: away(at, corners, weights) }
+      if (!best || isNearer(found, best)) best = found
     }
     return best
   }
+}
+
+/** How far a point is from the plane of three corners; 0 where all lie in one. */
+function away(at, corners, weights) {
+  if (at.length === 2) return 0
+  return Math.hypot(...at.map((x, k) => x - corners.reduce((sum, corner, c) => sum + weights[c] * corner[k], 0)))
+}
+
+/** Whether a point is rather in one triangle than in another one: around a vertex there may be some that fold back. */
+function isNearer(a, b) {
+  const inside = ({ least }) => least > -0.01
+  return inside(a) && inside(b) && a.away !== b.away ? a.away < b.away : a.least > b.least
 }
 
 /** Weights of three corners, in two or three dimensions; far outside for triangles without area. */

@@ -7,6 +7,7 @@ import { ATTRIBUTES, harmonics, programs } from './shaders.js'
 const OVERLAYS = ['none', 'classes', 'charts', 'density', 'error']
 const SOURCES = { hybrid: 0, vertices: 0, full: 0, fallback: 1, none: 2 }
 const CODES = { vertices: 'vertexCodes', full: 'fullCodes' }
+const GEOMETRY = ['positions', 'normals', 'baseColors', 'uvs']
 // That of the program's own pictures: linear 0.28, 0.32, 0.38.
 const BACKGROUND = [0.5666, 0.6030, 0.6516, 1]
 
@@ -17,6 +18,8 @@ export class Renderer {
     Object.assign(this, { gl, canvas, pictures: new Map(), arrays: new Map(), buffers: new Map(), ownBuffers: [], ownTextures: [] })
     this.programs = programs(gl)
     this.picking = this.pickTarget()
+    // Where there are no charts.
+    gl.vertexAttribI4ui(ATTRIBUTES.chart, 0, 0, 0, 0)
     this.white = this.plain([255, 255, 255, 255])
     this.show(model)
   }
@@ -94,7 +97,7 @@ export class Renderer {
     if (!this.buffers.has(name)) {
       const buffer = gl.createBuffer()
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer)
-      gl.bufferData(gl.ARRAY_BUFFER, model.numbers(name, Uint8Array), gl.STATIC_DRAW)
+      gl.bufferData(gl.ARRAY_BUFFER, GEOMETRY.includes(name) ? model.vertexData(name) : model.numbers(name, Uint8Array), gl.STATIC_DRAW)
       this.buffers.set(name, buffer)
     }
     return this.buffers.get(name)
@@ -119,14 +122,14 @@ export class Renderer {
       const attribute = (name, section, size, type, normalized, stride) => {
         gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer(section))
         gl.enableVertexAttribArray(ATTRIBUTES[name])
-        if (type === gl.UNSIGNED_INT) gl.vertexAttribIPointer(ATTRIBUTES[name], size, type, stride, 0)
+        if (name === 'chart') gl.vertexAttribIPointer(ATTRIBUTES[name], size, type, stride, 0)
         else gl.vertexAttribPointer(ATTRIBUTES[name], size, type, normalized, stride, 0)
       }
       attribute('position', 'positions', 3, gl.FLOAT, false, 12)
       attribute('normal', 'normals', 3, gl.BYTE, true, 4)
       attribute('base', 'baseColors', 4, gl.UNSIGNED_BYTE, true, 4)
       if (model.has('uvs')) attribute('uv', 'uvs', 2, gl.FLOAT, false, 8)
-      attribute('ids', 'ids', 2, gl.UNSIGNED_INT, false, 8)
+      if (model.has('charts')) attribute('chart', 'charts', 1, model.chartBytes === 2 ? gl.UNSIGNED_SHORT : gl.UNSIGNED_INT, false, model.chartBytes)
       attribute('code', codes, 2, gl.UNSIGNED_SHORT, false, 4)
       if (model.has('fallback')) attribute('fallback', 'fallback', 3, gl.UNSIGNED_BYTE, true, 4)
       this.arrays.set(codes, array)

@@ -10,7 +10,7 @@ precision highp sampler2DArray;
 `
 
 /** Where attributes lie, in all programs but that of harmonics, whose codes begin at that of the one. */
-export const ATTRIBUTES = { position: 0, normal: 1, base: 2, ids: 3, code: 4, fallback: 5, uv: 13 }
+export const ATTRIBUTES = { position: 0, normal: 1, base: 2, chart: 3, code: 4, fallback: 5, uv: 13 }
 
 /** Where a vertex stands: in the scene, or in the atlas. */
 const STAND = `
@@ -38,7 +38,7 @@ in vec3 position;
 in vec3 normal;
 in vec4 base;
 in vec2 uv;
-in uvec2 ids;
+in uint chart;
 in vec2 code;
 in vec3 fallback;
 uniform int form;
@@ -58,7 +58,7 @@ void main() {
     vBase = vec4(base.rgb * base.rgb, base.a);
     vUv = uv;
     vFallback = fallback;
-    vChart = ids.x;
+    vChart = chart;
     vVertex = gl_VertexID;
     vPlace = lightkilnVertexPlace(code, vec2(1.0)); // in texels
     if (form == 0) {
@@ -79,6 +79,12 @@ vec3 inPages(highp sampler2DArray atlas, vec3 place) {
 vec3 encoded(vec3 linear) {
     vec3 x = clamp(linear, 0.0, 1.0);
     return mix(1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, 12.92 * x, lessThanEqual(x, vec3(0.0031308)));
+}
+// Where vertices have no normal, that of the triangle.
+vec3 normalAt(vec3 normal, vec3 world) {
+    vec3 x = dFdx(world), y = dFdy(world);
+    vec3 own = cross(x / max(length(x), 1e-30), y / max(length(y), 1e-30));
+    return normalize(dot(normal, normal) > 0.1 ? normal : (gl_FrontFacing ? own : -own) + vec3(0.0, 1e-9, 0.0));
 }
 vec3 diverging(float t) {
     // From blue over white to red, for -1 to 1.
@@ -133,9 +139,8 @@ vec3 hashed(uint x) {
 void main() {
     vec3 texel = lightkilnLightRgb(atlas, vec3(0.0), inPages(atlas, vPlace));
     vec3 placeX = dFdx(vPlace), placeY = dFdy(vPlace);
-    vec3 worldX = dFdx(vWorld), worldY = dFdy(vWorld);
-    vec3 flatNormal = cross(worldX, worldY);
-    vec3 normal = normalize(dot(vNormal, vNormal) > 0.1 ? vNormal : flatNormal + vec3(0.0, 1e-9, 0.0));
+    vec3 across = cross(dFdx(vWorld), dFdy(vWorld));
+    vec3 normal = normalAt(vNormal, vWorld);
     vec4 own = material();
     if (!inAtlas && own.a < cutoff) discard;
     float clay = 0.15 + 0.6 * abs(dot(normal, normalize(eye - vWorld))) + 0.25 * (0.5 + 0.5 * normal.y);
@@ -160,7 +165,7 @@ void main() {
         shown = vec3(0.3);
         if (eta > 0.999999) {
             float texels = abs(placeX.x * placeY.y - placeX.y * placeY.x);
-            float area = max(length(flatNormal), 1e-30);
+            float area = max(length(across), 1e-30);
             // Texels along a length, in shares of what was asked for; the color's scale is doubling.
             shown = diverging(log2(sqrt(texels / area) * texelSize)) * checker(place);
         }
@@ -277,11 +282,13 @@ in vec4 base;
 in vec2 uv;
 ${each((k) => `in vec2 code${k};\nout vec3 vColor${k};`)}
 uniform mat4 clipFromWorld;
+out vec3 vWorld;
 out vec3 vNormal;
 out vec4 vBase;
 out vec2 vUv;
 out vec3 vPlace;
 void main() {
+    vWorld = position;
     vNormal = normal;
     vBase = vec4(base.rgb * base.rgb, base.a);
     vUv = uv;
@@ -291,6 +298,7 @@ ${each((k) => `    vColor${k} = lightkilnVertexRgb(code${k});`)}
 }
 `
   const fragment = `${HEAD}${FRAGMENT}${SHARED}${MATERIAL}
+in vec3 vWorld;
 in vec3 vNormal;
 in vec3 vPlace;
 ${each((k) => `in vec3 vColor${k};\nuniform sampler2DArray atlas${k};\nuniform vec3 scale${k};`)}
@@ -303,7 +311,7 @@ void main() {
     vec3 place = inPages(atlas0, vPlace);
     vec3 sh[${count}];
 ${each((k) => `    sh[${k}] = lightkilnLightUnscaleRgb(lightkilnLightRgb(atlas${k}, vColor${k}, place), scale${k});`)}
-    vec3 light = lightkilnLightSh${count === 4 ? 1 : 2}(sh, normalize(vNormal + vec3(0.0, 1e-9, 0.0)));
+    vec3 light = lightkilnLightSh${count === 4 ? 1 : 2}(sh, normalAt(vNormal, vWorld));
     vec3 shown = light / (0.282095 * scale0.z) * exposure;
     color = vec4(encoded(materials ? shown * own.rgb : shown), 1.0);
 }
