@@ -281,6 +281,35 @@ test('keys and touch do what the list of keys says', async () => {
   }, phone)
 })
 
+test('on a phone the divider, the names, the legend and the atlas keep clear of each other', async () => {
+  const baked = bake(join(ROOT, 'data/column.glb'), 'phone.glb')
+  for (const [width, height] of [[390, 844], [844, 390]]) {
+    await view([baked], async (page) => {
+      for (const overlay of ['none', 'classes', 'error']) {
+        const boxes = await page.evaluate(async (overlay) => {
+          globalThis.lightkiln.set({ overlay })
+          await new Promise((done) => requestAnimationFrame(done))
+          const shown = ['#divider', '#divider span', '#left-name', '#right-name', '#legend', '#atlas', '#panel'].map((name) => [name, document.querySelector(name)])
+          const visible = shown.filter(([, box]) => getComputedStyle(box).display !== 'none')
+          return visible.map(([name, box]) => {
+            const { left, right, top, bottom } = box.getBoundingClientRect()
+            return { name, left, right, top, bottom }
+          })
+        }, overlay)
+        assert.ok(['#divider', '#atlas'].every((name) => boxes.some((box) => box.name === name)))
+        for (const [i, a] of boxes.entries()) {
+          for (const b of boxes.slice(i + 1)) {
+            // The grip is on the line, and the head of the panel is wide.
+            if (a.name === '#divider' && (b.name === '#divider span' || b.name === '#panel')) continue
+            const apart = a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top
+            assert.ok(apart, `${width} x ${height}, ${overlay}: ${a.name} is over ${b.name}`)
+          }
+        }
+      }
+    }, { viewport: { width, height }, hasTouch: true, isMobile: true })
+  }
+})
+
 test('the server answers this machine alone, and an export is the same site', async () => {
   const baked = bake(join(ROOT, 'data/contact.glb'), 'contact.glb')
   run('view', baked, '--export', file('site'), '--quiet')

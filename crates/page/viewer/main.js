@@ -108,13 +108,20 @@ function start(model, renderer) {
     const percent = 100 * state.divider
     at('divider').style.left = `${percent}%`
     at('divider').setAttribute('aria-valuenow', Math.round(percent))
-    // Names keep clear of the atlas, which is above them on a phone.
-    const edge = innerWidth > 704 && model.hasAtlas && at('show-atlas').checked ? at('atlas').getBoundingClientRect().left : innerWidth
+    // On a phone the divider ends above what lies along the lower edge.
+    const isPhone = innerWidth <= 704
+    const hasAtlas = model.hasAtlas && at('show-atlas').checked
+    const along = isPhone ? [at('legend'), at('atlas'), at('bake')].filter((box) => (box === at('atlas') ? hasAtlas : !box.hidden)) : []
+    const end = Math.min(innerHeight, ...along.map((box) => box.getBoundingClientRect().top))
+    at('divider').style.bottom = `${innerHeight - end}px`
+    // Names keep clear of the atlas, which is below them there.
+    const edge = !isPhone && hasAtlas ? at('atlas').getBoundingClientRect().left : innerWidth
     const here = state.divider * innerWidth
     at('left-name').style.left = `${Math.min(here, edge)}px`
     at('right-name').style.left = `${here}px`
     at('left-name').hidden = state.divider < 0.12
-    at('right-name').hidden = here + at('right-name').offsetWidth > edge
+    at('right-name').hidden = false
+    at('right-name').hidden = at('right-name').getBoundingClientRect().right > edge
     const page = about.pageSize
     const { pages, bits } = about.layers[state.layer]
     at('atlas-name').textContent = model.hasAtlas ? `atlas, ${pages} × ${page[0]} × ${page[1]}, ${bits} bits` : ''
@@ -263,7 +270,7 @@ function start(model, renderer) {
   addEventListener('resize', update)
   modelChosen()
   // A phone has no room for everything at once.
-  if (innerWidth < 700) at('panel').open = false
+  if (innerWidth < 700 || innerHeight < 450) at('panel').open = false
   paint()
   resetAtlas()
   update()
