@@ -67,12 +67,12 @@ pub fn run(arguments: &View) -> Result<Exit, Failure> {
     let mut clock = Clock::new(&stages);
     let model = read(arguments, &mut clock);
     stages.finish();
-    let site = Site::new(&model?);
+    let model = model?;
     if let Some(folder) = &arguments.export {
-        site.export(folder).map_err(|error| Failure::writing(folder, &error))?;
+        Site::for_export(&model).export(folder).map_err(|error| Failure::writing(folder, &error))?;
         return Ok(Exit::Done);
     }
-    let server = serve(Live::still(site).into(), arguments.port, "--port")?;
+    let server = serve(Live::still(Site::new(&model)).into(), arguments.port, "--port")?;
     let address = address_of(&server)?;
     print(&format!("{address}\n"))?;
     open_in_browser(&address);

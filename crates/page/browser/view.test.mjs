@@ -4,10 +4,11 @@
 import assert from 'node:assert/strict'
 import { execFileSync } from 'node:child_process'
 import { existsSync, mkdtempSync, readFileSync, readdirSync, rmSync } from 'node:fs'
-import { request } from 'node:http'
+import { createServer, request } from 'node:http'
 import { tmpdir } from 'node:os'
 import { dirname, join } from 'node:path'
 import { after, before, test } from 'node:test'
+import { gunzipSync } from 'node:zlib'
 
 import { PROGRAM, ROOT, complaintsOf, launch, pixelsOf, serve } from './browser.mjs'
 
@@ -310,6 +311,35 @@ test('on a phone the divider, the names, the legend and the atlas keep clear of 
   }
 })
 
+/** A folder as any server has it. */
+async function staticServer(folder) {
+  const kinds = { html: 'text/html', js: 'text/javascript', css: 'text/css', json: 'application/json' }
+  const server = createServer(({ url }, answer) => {
+    const name = url === '/' ? 'index.html' : url.slice(1)
+    if (!existsSync(join(folder, name))) return answer.writeHead(404).end()
+    answer.writeHead(200, { 'content-type': kinds[name.split('.').pop()] ?? 'application/octet-stream' }).end(readFileSync(join(folder, name)))
+  })
+  await new Promise((listening) => server.listen(0, '127.0.0.1', listening))
+  return { url: `http://127.0.0.1:${server.address().port}/`, stop: () => server.close() }
+}
+
+test('an export shows the same from any web server', async () => {
+  const baked = bake(join(ROOT, 'data/column.glb'), 'export.glb')
+  run('view', baked, '--export', file('exported'), '--quiet')
+  const light = { left: 'hybrid', divider: 1 }
+  let served
+  await view([baked], async (page) => (served = await shot(page, light)))
+  const { url, stop } = await staticServer(file('exported'))
+  const page = await browser.newPage({ viewport: { width: 512, height: 512 } })
+  const complaints = complaintsOf(page)
+  await page.goto(url)
+  await page.waitForFunction(() => globalThis.ready === true)
+  assert.ok(served.equals(await shot(page, light)))
+  assert.deepEqual(complaints, [])
+  await page.close()
+  stop()
+})
+
 test('the server answers this machine alone, and an export is the same site', async () => {
   const baked = bake(join(ROOT, 'data/contact.glb'), 'contact.glb')
   run('view', baked, '--export', file('site'), '--quiet')
@@ -326,7 +356,8 @@ test('the server answers this machine alone, and an export is the same site', as
     for (const name of readdirSync(file('site'))) {
       const [status, bytes] = await ask(`/${name}`)
       assert.equal(status, 200)
-      assert.ok(bytes.equals(readFileSync(join(file('site'), name))), name)
+      const exported = readFileSync(join(file('site'), name))
+      if (name !== 'mode.js') assert.ok(bytes.equals(name.endsWith('.bin') ? gunzipSync(exported) : exported), name)
     }
   })
 })

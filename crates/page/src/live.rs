@@ -126,7 +126,7 @@ impl Live {
             let state = self.state();
             (state.status.version + 1, state.site.shown(&model.geometry))
         };
-        let geometry = shown.unwrap_or_else(|| Laid::new(&model.geometry, true, version));
+        let geometry = shown.unwrap_or_else(|| Laid::new(&model.geometry, false, version));
         let light = model.pack();
         self.change(|state| {
             state.site.put_model(geometry, light, version);

@@ -29,8 +29,8 @@ pub struct Site {
     blocks: [[String; 2]; 2],
     /// The geometry that is shown.
     geometry: Option<Arc<Laid>>,
-    /// Whether models follow each other.
-    is_live: bool,
+    /// Whether blocks are compressed.
+    compresses: bool,
 }
 
 /// A geometry as it lies in a site: its block is a file there.
@@ -65,23 +65,37 @@ const SHADERS: [(&str, &str); 2] = [
 ];
 
 impl Site {
-    /// The viewer of a model.
+    /// The viewer of a model, to be served on this machine.
     pub fn new(model: &Model) -> Self {
-        let mut site = Self::page(false);
-        let geometry = Laid::new(&model.geometry, site.is_live, 0);
-        site.put_model(geometry, model.pack(), 0);
+        Self::of(model, false)
+    }
+
+    /// The viewer of a model, to be exported: its blocks are compressed.
+    pub fn for_export(model: &Model) -> Self {
+        Self::of(model, true)
+    }
+
+    fn of(model: &Model, compresses: bool) -> Self {
+        let mut site = Self::page(false, compresses);
+        site.put_model(Laid::new(&model.geometry, compresses, 0), model.pack(), 0);
         site
     }
 
     /// The viewer of a bake that has no model yet.
     pub fn of_bake() -> Self {
-        Self::page(true)
+        Self::page(true, false)
     }
 
-    /// The page and its modules. `live`: whether there are events that it can follow.
-    fn page(is_live: bool) -> Self {
-        let mut site = Self { is_live, ..Self::default() };
-        site.add("mode.js", SCRIPT, format!("export const LIVE = {is_live}\n").into());
+    /// The page and its modules.
+    ///
+    /// - `is_live`: whether there are events that it can follow
+    fn page(is_live: bool, compresses: bool) -> Self {
+        let mut site = Self { compresses, ..Self::default() };
+        site.add(
+            "mode.js",
+            SCRIPT,
+            format!("export const LIVE = {is_live}\nexport const COMPRESSED = {compresses}\n").into(),
+        );
         for (name, kind, text) in PAGE {
             site.add(name, kind, text.into());
         }
@@ -118,7 +132,7 @@ impl Site {
         about.insert("blocks".to_owned(), json!(names));
         self.add("model.json", "application/json", Value::Object(about).to_string().into());
         self.files.insert(names[0].clone(), Arc::clone(&geometry.file));
-        self.files.insert(names[1].clone(), block_file(light.bytes, self.is_live).into());
+        self.files.insert(names[1].clone(), block_file(light.bytes, self.compresses).into());
         let [shown, before] = &mut self.blocks;
         let gone = std::mem::replace(before, std::mem::replace(shown, names));
         for name in gone.iter().filter(|&name| !shown.contains(name) && !before.contains(name)) {
@@ -156,23 +170,23 @@ impl Site {
 impl Laid {
     /// Packs a geometry.
     ///
-    /// - `is_live`: whether models follow each other in its site
+    /// - `compresses`: whether its site does
     /// - `version`: of the first model that has it
-    pub(crate) fn new(geometry: &Arc<Geometry>, is_live: bool, version: u32) -> Arc<Self> {
+    pub(crate) fn new(geometry: &Arc<Geometry>, compresses: bool, version: u32) -> Arc<Self> {
         let Packed { about, sections, bytes } = geometry.pack();
-        let (geometry, file) = (Arc::clone(geometry), block_file(bytes, is_live).into());
+        let (geometry, file) = (Arc::clone(geometry), block_file(bytes, compresses).into());
         Arc::new(Self { geometry, about, sections, file, version })
     }
 }
 
-/// A block as a file: as it is while models follow each other, where the time counts that it takes; else compressed with
-/// gzip, which the page undoes itself, so that no server needs to know.
-fn block_file(bytes: Vec<u8>, is_live: bool) -> File {
+/// A block as a file. Over the net gzip is worth its time, on one machine it is not; the page undoes it itself, so that no
+/// server needs to know.
+fn block_file(bytes: Vec<u8>, compresses: bool) -> File {
     let compressed = |bytes: &[u8]| {
-        let mut out = GzEncoder::new(Vec::new(), Compression::fast());
+        let mut out = GzEncoder::new(Vec::new(), Compression::default());
         out.write_all(bytes).and_then(|()| out.finish()).expect("memory takes everything")
     };
-    File { kind: "application/octet-stream", bytes: if is_live { bytes } else { compressed(&bytes) } }
+    File { kind: "application/octet-stream", bytes: if compresses { compressed(&bytes) } else { bytes } }
 }
 
 #[cfg(test)]
@@ -229,17 +243,21 @@ mod tests {
     }
 
     #[test]
-    fn site_blocks_that_stay_are_compressed_and_those_of_a_bake_are_not() {
-        let (model, mut bake) = (model(), Site::of_bake());
-        bake.put_model(Laid::new(&model.geometry, true, 1), model.pack(), 1);
-        for (block, bytes) in [("geometry", model.geometry.pack().bytes), ("light", model.pack().bytes)] {
-            let mut still = Vec::new();
-            let site = Site::new(&model);
-            let file = &site.files[&format!("{block}.bin")];
-            flate2::read::GzDecoder::new(file.bytes.as_slice()).read_to_end(&mut still).expect("gzip");
-            assert_eq!(still, bytes);
-            assert_eq!(bake.files[&format!("{block}-1.bin")].bytes, bytes);
+    fn site_blocks_are_compressed_for_export_alone() {
+        let model = model();
+        let (served, exported) = (Site::new(&model), Site::for_export(&model));
+        for (name, bytes) in
+            [("geometry.bin", model.geometry.pack().bytes), ("light.bin", model.pack().bytes)]
+        {
+            let mut unpacked = Vec::new();
+            let mut packed = flate2::read::GzDecoder::new(exported.files[name].bytes.as_slice());
+            packed.read_to_end(&mut unpacked).expect("gzip");
+            assert!(unpacked == bytes && served.files[name].bytes == bytes, "{name}");
         }
+        let others = |site: &Site| -> Vec<String> {
+            site.files.keys().filter(|name| site.files[*name] != served.files[*name]).cloned().collect()
+        };
+        assert_eq!(others(&exported), ["geometry.bin", "light.bin", "mode.js"]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 // The model as the program packed it: crates/page/src/model.rs.
 
-import { LIVE } from './mode.js'
+import { COMPRESSED, LIVE } from './mode.js'
 
 /**
  * - `signal`: ends it
@@ -25,10 +25,10 @@ async function fetched(name, signal) {
   return response
 }
 
-/** A block of numbers. Those that stay as they are lie there compressed. */
+/** A block of numbers. Those of an export are compressed. */
 async function block(name, signal) {
   const response = await fetched(name, signal)
-  return (LIVE ? response : new Response(response.body.pipeThrough(new DecompressionStream('gzip')))).arrayBuffer()
+  return (COMPRESSED ? new Response(response.body.pipeThrough(new DecompressionStream('gzip'))) : response).arrayBuffer()
 }
 
 export class Model {
