@@ -3,7 +3,7 @@
 
 import assert from 'node:assert/strict'
 import { execFileSync } from 'node:child_process'
-import { existsSync, mkdtempSync, readFileSync, readdirSync, rmSync } from 'node:fs'
+import { existsSync, mkdtempSync, readFileSync, readdirSync, rmSync, writeFileSync } from 'node:fs'
 import { createServer, request } from 'node:http'
 import { tmpdir } from 'node:os'
 import { dirname, join } from 'node:path'
@@ -309,6 +309,48 @@ test('on a phone the divider, the names, the legend and the atlas keep clear of 
       }
     }, { viewport: { width, height }, hasTouch: true, isMobile: true })
   }
+})
+
+/** A GLB with its JSON changed. */
+function changed(from, to, change) {
+  const glb = readFileSync(from)
+  const length = glb.readUInt32LE(12)
+  const json = JSON.parse(glb.subarray(20, 20 + length))
+  change(json)
+  let text = JSON.stringify(json)
+  text = Buffer.from(text.padEnd(text.length + ((4 - (Buffer.byteLength(text) % 4)) % 4)))
+  const [head, rest] = [Buffer.alloc(20), glb.subarray(20 + length)]
+  glb.copy(head, 0, 0, 20)
+  head.writeUInt32LE(20 + text.length + rest.length, 8)
+  head.writeUInt32LE(text.length, 12)
+  writeFileSync(to, Buffer.concat([head, text, rest]))
+  return to
+}
+
+test('a part that went astray does not make the scene small, and is drawn all the same', async () => {
+  const scene = join(ROOT, 'data/column.glb')
+  const astray = changed(scene, file('astray.in.glb'), ({ nodes, scenes, scene = 0 }) => {
+    const mesh = nodes.find((node) => node.mesh !== undefined).mesh
+    scenes[scene].nodes.push(nodes.push({ name: 'astray', mesh, scale: [0.01, 0.01, 0.01], translation: [500, 0, 0] }) - 1)
+  })
+  const cameras = []
+  for (const [input, name] of [[scene, 'whole.glb'], [astray, 'astray.glb']]) {
+    await view([bake(input, name, '--samples', '4000')], async (page) => {
+      cameras.push(await page.evaluate(() => {
+        const { state: { camera }, model: { about } } = globalThis.lightkiln
+        return { distance: camera.distance, target: camera.target, frame: about.frame, right: about.bounds[1][0] }
+      }))
+    })
+  }
+  const [whole, stray] = cameras
+  assert.deepEqual([stray.distance, stray.target, stray.frame], [whole.distance, whole.target, whole.frame])
+  assert.ok(stray.right > 499 && whole.right < 100)
+  // The program's own pictures are of the same place, but for rounding: rays know how large the whole scene is.
+  for (const name of ['whole', 'astray']) run('render', file(`${name}.glb`), '-o', file(`${name}.png`), '--mode', 'clay', '--size', '128', '--quiet')
+  const page = await browser.newPage()
+  const { rmse } = difference(await decoded(page, file('whole.png')), await decoded(page, file('astray.png')))
+  await page.close()
+  assert.ok(rmse < 0.002, `RMSE ${rmse}`)
 })
 
 /** A folder as any server has it. */
