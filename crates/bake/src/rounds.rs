@@ -9,7 +9,7 @@
 //! mean error a little, but moves single errors over the bound in triangles that had kept it: on a helmet of 95k
 //! triangles that doubled the textured area, ring by ring.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use lightkiln_chart::pack::{BLOCK, MAX_STACK, PackError, PackOptions, Packing, pack};
 use lightkiln_chart::{Chart, ChartOptions, charts};
@@ -123,7 +123,7 @@ pub fn chart_texel_encode(
     let blends = !plan.profile.is_plain();
     let mut detached = vec![!blends; surface.mesh.vertex_count()];
     let most_steps = finer.map_or(0, OwnResolution::most_steps);
-    let mut kept = Kept { regions: HashMap::new(), most_steps };
+    let mut kept = Kept { regions: BTreeMap::new(), most_steps };
     let (mut promoted, mut promoted_for_bytes) = (0, 0);
     for round in 1.. {
         clock.stage("close")?;
@@ -224,7 +224,7 @@ const TABLE_SHARE: f32 = 0.2;
 /// What rounds leave for the next.
 #[derive(Default)]
 struct Kept {
-    regions: HashMap<Vec<TriangleId>, Region>,
+    regions: BTreeMap<Vec<TriangleId>, Region>,
     /// Steps that texels are finer by than those of the bake at most.
     most_steps: u8,
 }
