@@ -1,8 +1,8 @@
 //! `bake --preview`: the page of `view` while the bake goes on, and what stops a bake before its end.
 //!
 //! The page is served from the first moment, and shows the scene once it is welded, its light as soon as there is any, and
-//! at the end the file that was written. Snapshots are taken on the thread that bakes, but only while a page is open, and so
-//! seldom that they take no more than [`MOST_TIME`] of the bake.
+//! at the end the file that was written. Snapshots are taken on the thread that bakes, but only while a page has seen the last
+//! one, and so seldom that they take no more than [`MOST_TIME`] of the bake.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -76,7 +76,7 @@ impl Preview {
 
     fn wants_snapshot(&self) -> bool {
         let pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
-        pace.taken < FIRST_SNAPSHOTS || self.live.pages() > 0 && pace.allows()
+        pace.taken < FIRST_SNAPSHOTS || self.live.wants_model() && pace.allows()
     }
 
     fn take(&self, snapshot: &Snapshot<'_>) {

@@ -21,16 +21,31 @@ after(async () => {
 })
 
 /** Starts a bake with its page open; what the page complains of is gathered. */
-async function preview(scene, name, ...extra) {
-  const bake = spawn(PROGRAM, ['bake', scene, '-o', file(name), '--quiet', '--preview', ...extra])
+async function preview(scene, name, ...args) {
+  const bake = spawn(PROGRAM, ['bake', scene, '-o', file(name), '--quiet', '--preview', ...args])
   let said = ''
   bake.stderr.on('data', (data) => (said += data))
   const ended = new Promise((resolve) => bake.on('exit', (code) => resolve(code)))
   while (!said.includes('\n')) await new Promise((resolve) => bake.stderr.once('data', resolve))
+  const url = said.match(/http:\S+/)[0]
+  return { ...(await opened(url)), url, ended, said: () => said }
+}
+
+/**
+ * A page, and what it complains of.
+ * - `hold`: what its wish for a block of light waits for, given the version; none: nothing
+ */
+async function opened(url, hold) {
   const page = await browser.newPage({ viewport: { width: 1100, height: 700 } })
   const complaints = complaintsOf(page)
-  await page.goto(said.match(/http:\S+/)[0])
-  return { bake, page, complaints, ended, said: () => said }
+  if (hold) {
+    await page.route(/light-\d+\.bin$/, async (route) => {
+      await hold(Number(route.request().url().match(/\d+(?=\.bin)/)[0]))
+      await route.continue()
+    })
+  }
+  await page.goto(url)
+  return { page, complaints }
 }
 
 const phase = (page) => page.locator('#bake').getAttribute('data-phase')
@@ -74,6 +89,26 @@ test('the page shows a bake before its end, refines it, and ends as the page of 
   // Watching changes nothing.
   execFileSync(PROGRAM, ['bake', join(ROOT, 'data/cornell.glb'), '-o', file('plain.glb'), '--quality', 'normal', '--quiet', '--samples', '60000'])
   assert.ok(readFileSync(file('plain.glb')).equals(readFileSync(file('watched.glb'))))
+})
+
+test('a page that is slow to fetch light, beside one that is not, has the last of it in the end', async (t) => {
+  const quick = await preview(join(ROOT, 'data/cornell.glb'), 'late.glb', '--quality', 'normal', '--samples', '60000')
+  const isPast = (version) => {
+    const { phase, shown } = document.getElementById('bake').dataset
+    return phase === 'done' || Number(shown) >= version + 2
+  }
+  const slow = await opened(quick.url, (version) => quick.page.waitForFunction(isPast, version, { timeout: 120_000 }))
+  let past = 0
+  slow.page.on('response', (response) => (past += response.status() === 204))
+  for (const { page } of [quick, slow]) {
+    await page.waitForFunction(() => document.getElementById('bake').dataset.phase === 'done', undefined, { timeout: 120_000 })
+    await page.waitForFunction(() => globalThis.lightkiln?.model.about.figures.lines)
+  }
+  t.diagnostic(`${past} blocks of light were past when the slow page asked for them`)
+  assert.ok(past > 0)
+  assert.deepEqual([quick.complaints, slow.complaints], [[], []])
+  await Promise.all([quick, slow].map(({ page }) => page.close()))
+  assert.equal(await quick.ended, 0)
 })
 
 test('the button of the page stops the bake, and the page says so', async () => {

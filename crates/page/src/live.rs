@@ -1,8 +1,8 @@
 //! A site that changes while somebody looks at it: the preview of a bake.
 //!
 //! A page asks for [`EVENTS`] once and is told from then on what the bake is doing, as server-sent events; with every new
-//! version of the model it fetches `model.json` again. While events flow the page counts as open. [`CANCEL`] asks the bake
-//! to stop.
+//! version of the model it fetches `model.json` again, and the blocks that it names. Who is so slow that a block is gone
+//! meanwhile is told so, and begins again. While events flow the page counts as open. [`CANCEL`] asks the bake to stop.
 
 use std::io::Write;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use crate::model::Model;
-use crate::site::{File, Laid, Site};
+use crate::site::{File, Laid, Site, version_of};
 
 /// Path of the stream of events.
 pub const EVENTS: &str = "/events";
@@ -69,6 +69,8 @@ struct State {
     pages: usize,
     /// Of these, those that do not know the last change yet.
     behind: usize,
+    /// Whether any page has asked for the light of the last version.
+    seen: bool,
     /// When the last page was closed.
     closed: Option<Instant>,
     /// Answers that are on their way.
@@ -130,6 +132,7 @@ impl Live {
         let light = model.pack();
         self.change(|state| {
             state.site.put_model(geometry, light, version);
+            state.seen = false;
             state.status.version = version;
         });
     }
@@ -142,6 +145,12 @@ impl Live {
     /// How many pages are open.
     pub fn pages(&self) -> usize {
         self.state().pages
+    }
+
+    /// Whether a page is open and has asked for the last version, so that another one has somebody to see it.
+    pub fn wants_model(&self) -> bool {
+        let state = self.state();
+        state.pages > 0 && state.seen
     }
 
     /// For how long no page has been open; none while one is, or if there was none ever.
@@ -160,9 +169,18 @@ impl Live {
         }
     }
 
-    /// The file at a path.
+    /// The file at a path, which a page asks for.
     pub(crate) fn file(&self, path: &str) -> Option<Arc<File>> {
-        self.state().site.at(path).cloned()
+        let mut state = self.state();
+        state.seen |= state.site.shows(path);
+        state.site.at(path).cloned()
+    }
+
+    /// Whether a path names a block that later versions have taken the place of.
+    pub(crate) fn is_past(&self, path: &str) -> bool {
+        let state = self.state();
+        version_of(path).is_some_and(|version| version <= state.status.version)
+            && state.site.at(path).is_none()
     }
 
     /// Whether a path takes events or wishes here.
@@ -286,6 +304,30 @@ mod tests {
         }
         assert_eq!(live.pages(), 0);
         live.wait_until_told(Duration::from_secs(20));
+    }
+
+    #[test]
+    fn live_wants_the_next_model_when_the_last_one_is_asked_for() {
+        let live = Arc::new(Live::of_bake());
+        let page = open(&live);
+        wait_for(&page, r#""version":0"#);
+        for version in 1..=3 {
+            live.publish(&model());
+            assert!(!live.wants_model(), "nobody has seen version {version}");
+            assert!(live.file("/model.json").is_some() && !live.wants_model());
+            assert!(live.file(&format!("/light-{version}.bin")).is_some() && live.wants_model());
+        }
+        assert!(live.file("/light-2.bin").is_some(), "for whoever has read its name already");
+        let past = [
+            "/light-1.bin",
+            "/light-2.bin",
+            "/light-4.bin",
+            "/light-0.bin",
+            "/light-.bin",
+            "/light-1",
+            "/index.html",
+        ];
+        assert_eq!(past.map(|path| live.is_past(path)), [true, false, false, false, false, false, false]);
     }
 
     #[test]

@@ -147,7 +147,9 @@ fn reply(request: &str, live: &Live, port: u16) -> Reply {
     if method == "GET" && live.takes(path, EVENTS) {
         return Reply::Events(head("text/event-stream", None));
     }
-    let Some(file) = live.file(path) else { return refusal("404 Not Found") };
+    let Some(file) = live.file(path) else {
+        return if live.is_past(path) { past() } else { refusal("404 Not Found") };
+    };
     Reply::Whole(head(file.kind, Some(file.bytes.len())), (method == "GET").then_some(file))
 }
 
@@ -172,6 +174,15 @@ fn refusal(status: &str) -> Reply {
         status.len() + 1
     );
     Reply::Whole(text.into_bytes(), None)
+}
+
+/// The answer to a page that is late. It is no error: the page goes on with the names of newer blocks.
+fn past() -> Reply {
+    Reply::Whole(
+        format!("HTTP/1.1 204 No Content\r\ncache-control: no-store\r\n{APART}connection: close\r\n\r\n")
+            .into(),
+        None,
+    )
 }
 
 #[cfg(test)]
@@ -271,6 +282,19 @@ mod tests {
         assert!(!live.is_cancelled());
         assert_eq!(post("/cancel", own, &live), "202 Accepted");
         assert!(live.is_cancelled());
+    }
+
+    #[test]
+    fn server_tells_a_late_page_that_its_block_is_past() {
+        let live = Live::of_bake();
+        let status =
+            |name: &str| status_of(&format!("GET /{name} HTTP/1.1\r\nHost: 127.0.0.1:4711\r\n\r\n"), &live);
+        assert_eq!(status("light-1.bin"), "404 Not Found");
+        (0..3).for_each(|_| live.publish(&model()));
+        assert_eq!(
+            ["light-1.bin", "light-2.bin", "light-3.bin", "light-4.bin"].map(status),
+            ["204 No Content", "200 OK", "200 OK", "404 Not Found"]
+        );
     }
 
     #[test]

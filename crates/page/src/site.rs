@@ -56,6 +56,9 @@ const PAGE: [(&str, &str, &str); 9] = [
     ("live.js", SCRIPT, include_str!("../viewer/live.js")),
 ];
 
+/// Names of the blocks of a model.
+const BLOCKS: [&str; 2] = ["geometry", "light"];
+
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// The functions that any viewer of such files needs, as they lie in the repository.
@@ -116,11 +119,11 @@ impl Site {
     /// - `light`: of the model, packed
     /// - `version`: its number, one more than that of the model before; 0 for a model that stays
     pub(crate) fn put_model(&mut self, geometry: Arc<Laid>, light: Packed, version: u32) {
-        let names =
-            [("geometry", geometry.version), ("light", version)].map(|(block, version)| match version {
-                0 => format!("{block}.bin"),
-                _ => format!("{block}-{version}.bin"),
-            });
+        let versions = [geometry.version, version];
+        let names = [0, 1].map(|block| match versions[block] {
+            0 => format!("{}.bin", BLOCKS[block]),
+            version => format!("{}-{version}.bin", BLOCKS[block]),
+        });
         let sections = geometry.sections.iter().map(|(name, at)| (name, at, 0));
         let sections = sections.chain(light.sections.iter().map(|(name, at)| (name, at, 1)));
         let in_block = |(name, at, block): (&String, &Value, usize)| {
@@ -157,6 +160,11 @@ impl Site {
         self.files.get(if name.is_empty() { "index.html" } else { name })
     }
 
+    /// Whether a path names the light that is shown.
+    pub(crate) fn shows(&self, path: &str) -> bool {
+        path.strip_prefix('/') == Some(&self.blocks[0][1])
+    }
+
     /// Writes the site into a folder, which is made if it is missing. Other files there stay.
     ///
     /// # Errors
@@ -177,6 +185,13 @@ impl Laid {
         let (geometry, file) = (Arc::clone(geometry), block_file(bytes, compresses).into());
         Arc::new(Self { geometry, about, sections, file, version })
     }
+}
+
+/// The version of the block that a path names; none if it names none, or that of a model that stays.
+pub(crate) fn version_of(path: &str) -> Option<u32> {
+    let name = path.strip_prefix('/')?.strip_suffix(".bin")?;
+    let version = BLOCKS.iter().find_map(|block| name.strip_prefix(block)?.strip_prefix('-'))?;
+    version.parse().ok().filter(|&version| version > 0)
 }
 
 /// A block as a file. Over the net gzip is worth its time, on one machine it is not; the page undoes it itself, so that no

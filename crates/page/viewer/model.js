@@ -1,21 +1,17 @@
 // The model as the program packed it: crates/page/src/model.rs.
 
-import { COMPRESSED, LIVE } from './mode.js'
+import { COMPRESSED } from './mode.js'
 
 /**
  * - `signal`: ends it
  * - `known`: the model that was shown before, whose blocks are not fetched again
  */
 export async function load(signal, known) {
-  for (let again = 3; ; again--) {
+  for (;;) {
     const about = await (await fetched('model.json', signal)).json()
-    try {
-      const blocks = about.blocks.map((name) => known?.blockOf(name) ?? block(name, signal))
-      return new Model(about, await Promise.all(blocks))
-    } catch (error) {
-      // While a bake goes on, blocks may be out of date before they are fetched.
-      if (!LIVE || again === 0 || signal?.aborted) throw error
-    }
+    const blocks = await Promise.all(about.blocks.map((name) => known?.blockOf(name) ?? block(name, signal)))
+    // While a bake goes on, a block may be out of date before it is fetched.
+    if (!blocks.includes(undefined)) return new Model(about, blocks)
   }
 }
 
@@ -25,9 +21,10 @@ async function fetched(name, signal) {
   return response
 }
 
-/** A block of numbers. Those of an export are compressed. */
+/** A block of numbers; none if a newer one has taken its place. Those of an export are compressed. */
 async function block(name, signal) {
   const response = await fetched(name, signal)
+  if (response.status === 204) return undefined
   return (COMPRESSED ? new Response(response.body.pipeThrough(new DecompressionStream('gzip'))) : response).arrayBuffer()
 }
 
