@@ -47,7 +47,7 @@ void main() {
 }`
 const LIGHTMAP = plainFragment('uniform highp sampler2D u_lightmap;', 'texture(u_lightmap, v_attribute).r')
 
-/** Each way: its mesh, vertex stage, fragment stage, and which of the textures. Those of grids are drawn when they are asked for. */
+/** Each way: its mesh, vertex stage, fragment stage, and which of the textures. Those of grids and levels are drawn when they are asked for. */
 const WAYS = {
   nothing: { mesh: 'hybrid', vertex: PLAIN_VERTEX, fragment: plainFragment('', '1.0') },
   vertices: { mesh: 'hybrid', vertex: PLAIN_VERTEX, fragment: plainFragment('', 'v_attribute.x / 65535.0') },
@@ -55,6 +55,7 @@ const WAYS = {
   hybrid: { mesh: 'hybrid', vertex: ours + main, fragment: ONE_LEVEL + oursFragment + OCCLUSION, texture: 'atlas' },
   'fill, nothing': { mesh: 'mapped grid', vertex: PLAIN_VERTEX, fragment: plainFragment('', '1.0') },
   'fill, lightmap': { mesh: 'mapped grid', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmap' },
+  'fill, lightmap again': { mesh: 'mapped grid', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmap' },
   'fill, texels': { mesh: 'texel grid', vertex: ours + main, fragment: ONE_LEVEL + oursFragment + OCCLUSION, texture: 'atlas' },
   'fill, colors': { mesh: 'color grid', vertex: ours + main, fragment: ONE_LEVEL + oursFragment + OCCLUSION, texture: 'atlas' },
   'lightmap, levels': { mesh: 'lightmap', vertex: PLAIN_VERTEX, fragment: LIGHTMAP, texture: 'lightmapLevels' },
@@ -203,10 +204,10 @@ function inMaterial(sizes, pages, parts) {
 /**
  * Loads what there is to draw.
  *
- * - `sizes`: width, height and number of the pages; `withFill`: whether to draw grids, too
+ * - `sizes`: width, height and number of the pages; `withFill`: whether to draw grids, too; `withLevels`: mip levels, too
  * - returns: the names of the ways, and what the pictures and the renderer are
  */
-globalThis.prepare = async ({ sizes, cameras, withFill }) => {
+globalThis.prepare = async ({ sizes, cameras, withFill, withLevels }) => {
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1)
   const parts = { hybrid: await loaded('hybrid'), lightmap: await loaded('lightmap') }
   const [width, height] = sizes.hybrid
@@ -253,7 +254,9 @@ globalThis.prepare = async ({ sizes, cameras, withFill }) => {
   }
 
   const macros = sizes.hybrid[2] === 1 ? ONE_PAGE : ''
-  const programs = Object.fromEntries(Object.entries(WAYS).map(([name, way]) => [name, program({ ...way, fragment: macros + way.fragment })]))
+  const isDrawn = (name) => (withFill || !name.startsWith('fill')) && (withLevels || !name.endsWith('levels'))
+  const ways = Object.entries(WAYS).filter(([name]) => isDrawn(name))
+  const programs = Object.fromEntries(ways.map(([name, way]) => [name, program({ ...way, fragment: macros + way.fragment })]))
   const material = inMaterial(sizes, pages, parts)
   /** Milliseconds of a picture of each camera, so many times. */
   globalThis.frames = (name, repeats) => time(material[name] ? material.gl : gl, () => {
@@ -268,7 +271,7 @@ globalThis.prepare = async ({ sizes, cameras, withFill }) => {
   })
   const debug = gl.getExtension('WEBGL_debug_renderer_info')
   const renderer = gl.getParameter(debug ? debug.UNMASKED_RENDERER_WEBGL : gl.RENDERER)
-  const names = [...Object.keys(WAYS), ...Object.keys(material)].filter((name) => name !== 'gl' && (withFill || !name.startsWith('fill')))
+  const names = [...ways.map(([name]) => name), ...Object.keys(material).filter((name) => name !== 'gl')]
   return { names, renderer, textured: counts[1] / (counts[0] + counts[1]) }
 }
 globalThis.ready = true

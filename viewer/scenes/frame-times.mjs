@@ -1,11 +1,15 @@
 // What showing light costs: frame times of the same triangles with the light of a baked file and with a full lightmap, in one run.
 //
-//   node frame-times.mjs HYBRID.glb=LIGHTMAP.glb ... [--rounds 40] [--angle default]
+//   node frame-times.mjs HYBRID.glb=LIGHTMAP.glb ... [--rounds 40] [--angle default] [--levels 0]
 //
 // `--angle` is what the browser draws with, as ANGLE calls it: the GPU where it has one (default), swiftshader, gl-egl (Mesa), ...
 // The two files are bakes of one scene, the second with `--profile lightmap`. Prints tables in Markdown: drawing light alone, and a
-// physical material of three.js that the light dims; and, of the first pair, pictures that are filled once, by texels or by vertex values. Ways take turns in each round, and ratios are medians of those of all
-// rounds, so that what else the machine does meets all of them alike. Times are those of the GPU's clock where it has one; of a
+// physical material of three.js that the light dims, with `--levels 1` light alone with mip levels, too; and, of the first pair,
+// pictures that are filled once, by texels or by vertex values.
+//
+// What is compared takes turns in each round (a, b, b, a), so that what else the machine does meets both alike. A ratio is the median
+// of those of all rounds, and the interval beside it holds the true median with 95 % certainty, whatever the noise is like: its ends are
+// the rounds that a fair coin's number of heads would leave outside with 2.5 % on either side. Times are those of the GPU's clock where it has one; of a
 // software renderer, the processor time that the browser's GPU process took.
 
 import { existsSync, readFileSync, readdirSync } from 'node:fs'
@@ -19,6 +23,26 @@ import { VIEWS, cameraFor } from '../tests/raster.mjs'
 import { readScene } from '../tests/scene.mjs'
 
 const median = (numbers) => numbers.toSorted((a, b) => a - b)[numbers.length >> 1]
+
+/** What is compared: a lightmap, and our way. */
+const PAIRS = [
+  ['lightmap', 'hybrid'], ['lightmap, levels', 'hybrid, levels'], ['material, lightmap', 'material, hybrid'],
+  ['fill, lightmap', 'fill, texels'], ['fill, lightmap again', 'fill, colors'],
+]
+
+/** Ends of the interval that holds the median with 95 % certainty; of few numbers, the first and the last. */
+function medianInterval(numbers) {
+  const sorted = numbers.toSorted((a, b) => a - b)
+  const { length } = sorted
+  let outside = 0
+  let tail = 0.5 ** length
+  for (let chance = tail; tail <= 0.025; tail += chance) {
+    outside++
+    chance *= (length - outside + 1) / outside
+  }
+  const first = Math.max(0, outside - 1)
+  return [sorted[first], sorted[length - 1 - first]]
+}
 
 /** An indexed mesh whose vertices are told apart by position and attribute. */
 function indexed(triangles, attributeOf) {
@@ -80,10 +104,11 @@ const option = (name, fallback) => {
   return at < 0 ? fallback : files.splice(at, 2)[1]
 }
 const rounds = Number(option('--rounds', 40))
+const withLevels = option('--levels', '0') === '1'
 const angle = option('--angle', 'default')
 const pairs = files.map((pair) => pair.split('='))
 if (pairs.length === 0 || pairs.some((pair) => pair.length !== 2) || !(rounds > 0)) {
-  console.error('usage: frame-times.mjs HYBRID.glb=LIGHTMAP.glb ... [--rounds 40] [--angle default]')
+  console.error('usage: frame-times.mjs HYBRID.glb=LIGHTMAP.glb ... [--rounds 40] [--angle default] [--levels 0]')
   process.exit(1)
 }
 
@@ -107,7 +132,7 @@ async function processorTime() {
   return taken.reduce((sum, ns) => sum + ns / 1e9, 0)
 }
 
-/** Milliseconds of each way, a number per round. */
+/** Milliseconds of each way and each ratio of a pair, a number per round. */
 async function takeTimes(page, { names, renderer }) {
   const isSoftware = /swiftshader|llvmpipe|warp/i.test(renderer)
   const frames = async (name, repeats) => {
@@ -116,20 +141,25 @@ async function takeTimes(page, { names, renderer }) {
     return (isSoftware ? 1000 * (await processorTime() - before) : passed) / repeats / VIEWS.length
   }
   // The first of each way compiles; then as often as it takes to be long for the clock.
-  const times = {}
-  const repeats = {}
+  const [times, ratios, repeats] = [{}, {}, {}]
   for (const name of names) {
     await frames(name, 1)
     repeats[name] = Math.max(1, Math.ceil((isSoftware ? 200 : 20) / VIEWS.length / (await frames(name, 1))))
     times[name] = []
   }
+  const pairs = PAIRS.filter((pair) => pair.every((name) => names.includes(name)))
+  const alone = names.filter((name) => !pairs.flat().includes(name))
   for (let round = 0; round < rounds; round++) {
-    for (let i = 0; i < names.length; i++) {
-      const name = names[(round + i) % names.length]
-      times[name].push(await frames(name, repeats[name]))
+    for (const name of alone) times[name].push(await frames(name, repeats[name]))
+    for (const [lightmap, hybrid] of pairs) {
+      const taken = { [lightmap]: 0, [hybrid]: 0 }
+      for (const name of [lightmap, hybrid, hybrid, lightmap]) taken[name] += (await frames(name, repeats[name])) / 2
+      for (const name of [lightmap, hybrid]) times[name].push(taken[name])
+      ratios[hybrid] ??= []
+      ratios[hybrid].push(taken[hybrid] / taken[lightmap])
     }
   }
-  return { times, about: `${renderer}, ${isSoftware ? 'processor time of drawing' : "time by the GPU's clock, or by that of the page"}` }
+  return { times, ratios, about: `${renderer}, ${isSoftware ? 'processor time of drawing' : "time by the GPU's clock, or by that of the page"}` }
 }
 
 try {
@@ -144,25 +174,29 @@ try {
     const { page, complaints } = await open('/viewer/scenes/frame-times.html')
     const cameras = VIEWS.map((view) => clipFromWorld(cameraFor(triangles, view), 1920 / 1080))
     const sizes = Object.fromEntries(Object.entries(meshes).map(([name, { size, pages }]) => [name, [...size, pages.length]]))
-    const prepared = await page.evaluate((job) => globalThis.prepare(job), { sizes, cameras, withFill: rows.length === 0 })
+    const prepared = await page.evaluate((job) => globalThis.prepare(job), { sizes, cameras, withFill: rows.length === 0, withLevels })
     const taken = await takeTimes(page, prepared)
     await page.close()
     if (complaints.length > 0) throw new Error(complaints.join('\n'))
     about = taken.about
     const ms = (name) => median(taken.times[name]).toFixed(1)
-    const pair = (a, b) => [ms(a), ms(b), median(taken.times[b].map((time, i) => time / taken.times[a][i])).toFixed(2)]
+    const ratio = (hybrid) => {
+      const [value, first, last] = [median(taken.ratios[hybrid]), ...medianInterval(taken.ratios[hybrid])].map((x) => x.toFixed(2))
+      return `${value} (${first} to ${last})`
+    }
+    const pair = (lightmap, hybrid) => [ms(lightmap), ms(hybrid), ratio(hybrid)]
     rows.push([basename(path, '.glb').replace('.baked', ''), triangles.length, `${meshes.hybrid.vertices} / ${meshes.lightmap.vertices}`,
       `${(100 * prepared.textured).toFixed(0)} %`, ms('nothing'), ms('vertices'), ...pair('lightmap', 'hybrid'),
-      ...pair('lightmap, levels', 'hybrid, levels'), ...pair('material, lightmap', 'material, hybrid')])
-    if (fill.length === 0) fill.push(ms('fill, nothing'), ms('fill, lightmap'), ...pair('fill, lightmap', 'fill, texels').slice(1), ...pair('fill, lightmap', 'fill, colors').slice(1))
+      ...(withLevels ? pair('lightmap, levels', 'hybrid, levels') : []), ...pair('material, lightmap', 'material, hybrid')])
+    if (fill.length === 0) fill.push(ms('fill, nothing'), ...pair('fill, lightmap', 'fill, texels'), ...pair('fill, lightmap again', 'fill, colors'))
     console.error(rows.at(-1).join('  '))
   }
-  console.log(`${about}; 1920 x 1080, no multisampling, ${VIEWS.length} views, ${rounds} rounds; medians in ms\n`)
+  console.log(`${about}; 1920 x 1080, no multisampling, ${VIEWS.length} views, ${rounds} rounds; medians in ms, and 95 % of where a ratio is\n`)
   const head = ['scene', 'triangles', 'vertices: hybrid / lightmap', 'pixels with texels', 'no light', 'vertices', 'lightmap', 'hybrid', 'ratio',
-    'lightmap, mip levels', 'hybrid, mip levels', 'ratio', 'in a material: lightmap', 'hybrid', 'ratio']
+    ...(withLevels ? ['lightmap, mip levels', 'hybrid, mip levels', 'ratio'] : []), 'in a material: lightmap', 'hybrid', 'ratio']
   print(head, ...rows)
   console.log('\nA picture filled once:\n')
-  print(['no light', 'lightmap', 'hybrid: texels', 'ratio', 'hybrid: vertex values', 'ratio'], fill)
+  print(['no light', 'lightmap', 'hybrid: texels', 'ratio', 'lightmap', 'hybrid: vertex values', 'ratio'], fill)
 } finally {
   await close()
 }
