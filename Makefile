@@ -83,8 +83,8 @@ endif
 # What light costs to show: frame times beside a full lightmap, and instructions of the shaders. The tables of docs/COST.md.
 # ANGLE is what the browser draws with: the GPU where there is one (default), swiftshader, gl-egl ...
 ANGLE ?= default
-COSTLY = $(filter %/lamborghini_huracan.glb %/flight_helmet.glb %/dream_apartment.glb,$(BAKED_SCENES)) \
-  out/big/car_100k.baked.glb
+COSTLY = $(filter $(addprefix %/,$(addsuffix .glb,toy_car sheen_chair sunglasses glass_vase_flowers lamborghini_huracan \
+  flight_helmet dream_apartment)),$(BAKED_SCENES)) out/big/car_100k.baked.glb
 LIGHTMAPS = $(patsubst out/%,out/lightmaps/%,$(COSTLY))
 
 define bake-lightmap
