@@ -107,8 +107,9 @@ data/big/car_100k.glb: | build
 
 # A Python with the package vulkan; on Debian, glslang-tools and mesa-vulkan-drivers.
 COST_PYTHON ?= python3
-instructions:
-	$(COST_PYTHON) tests/gpu/instructions.py navi21 polaris10
+instructions: viewer
+	node viewer/scenes/programs.mjs out/programs
+	$(COST_PYTHON) tests/gpu/instructions.py --programs out/programs navi21 polaris10
 
 # The light of real scenes on the CPU, in three.js and in Babylon.js, and of the profile stock without a plugin: the table and the picture of docs/VIEWERS.md.
 # FLIP_PYTHON names a Python with the packages flip-evaluator and numpy.

@@ -15,31 +15,32 @@ const uvec3 LIGHTKILN_RGB_SHIFTS = uvec3(21u, 10u, 0u);
 const uvec3 LIGHTKILN_RGB_STEPS = uvec3(1023u, 2047u, 1023u);
 const uint LIGHTKILN_TABLE_WIDTH = 256u;
 
+// What follows computes first and chooses then: a branch around a few instructions costs more than they do.
 bool lightkilnVertexIsColor(vec2 code) {
     return code.y >= LIGHTKILN_COLOR_FLAG;
 }
 
 // UV in pages, and eta: to be interpolated. The same for all layers of a bake. `page`: width and height of one, in texels.
 vec3 lightkilnVertexPlace(vec2 code, vec2 page) {
-    return lightkilnVertexIsColor(code) ? vec3(0.0) : vec3(code / (LIGHTKILN_SUBTEXELS * page), 1.0);
+    vec2 uv = code / (LIGHTKILN_SUBTEXELS * page);
+    return lightkilnVertexIsColor(code) ? vec3(0.0) : vec3(uv, 1.0);
 }
 
 // The color of a layer of one channel: to be interpolated.
 float lightkilnVertexScalar(vec2 code) {
-    return lightkilnVertexIsColor(code) ? code.x / LIGHTKILN_COLOR_STEPS : 0.0;
+    float color = code.x / LIGHTKILN_COLOR_STEPS;
+    return lightkilnVertexIsColor(code) ? color : 0.0;
 }
 
 uint lightkilnVertexBits(vec2 code) {
-    return uint(code.y - LIGHTKILN_COLOR_FLAG) << LIGHTKILN_LOW_BITS | uint(code.x);
+    return (uint(code.y) - uint(LIGHTKILN_COLOR_FLAG)) << LIGHTKILN_LOW_BITS | uint(code.x);
 }
 
 // The color of a layer of two or three channels: to be interpolated.
 vec3 lightkilnVertexRgb(vec2 code) {
-    if (!lightkilnVertexIsColor(code)) {
-        return vec3(0.0);
-    }
-    uvec3 color = uvec3(lightkilnVertexBits(code)) >> LIGHTKILN_RGB_SHIFTS & LIGHTKILN_RGB_STEPS;
-    return vec3(color) / vec3(LIGHTKILN_RGB_STEPS);
+    uvec3 steps = uvec3(lightkilnVertexBits(code)) >> LIGHTKILN_RGB_SHIFTS & LIGHTKILN_RGB_STEPS;
+    vec3 color = vec3(steps) / vec3(LIGHTKILN_RGB_STEPS);
+    return lightkilnVertexIsColor(code) ? color : vec3(0.0);
 }
 
 // The color of a layer with a table (not sRGB, no mip levels): to be interpolated.

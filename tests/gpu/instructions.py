@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Counts the instructions of ways to show light, as a compiler for real GPUs makes them.
 
-    instructions.py [GPU ...]        GPUs as Mesa names them: navi21 (the default), polaris10, vega10 ...
+    instructions.py [--programs DIR] [GPU ...]        GPUs as Mesa names them: navi21 (the default), polaris10, vega10 ...
 
 Compiles the functions of shaders/ and plain shaders to compare with by Mesa's driver for AMD GPUs, which needs no GPU for
-that (RADV_FORCE_FAMILY), and prints a table in Markdown. Needs glslangValidator, mesa-vulkan-drivers, and the Python package
-vulkan.
+that (RADV_FORCE_FAMILY), and prints a table in Markdown; of the programs that viewer/scenes/programs.mjs wrote into DIR another
+one, with the cycles that the compiler's model of the GPU reckons with. Needs glslangValidator, mesa-vulkan-drivers, and the Python
+package vulkan.
 """
 
 import os
@@ -103,15 +104,27 @@ WAYS = {
 }
 
 
-def spirv(source, stage):
+# Where the samplers of programs for WebGL are bound, which do not say; their other uniforms become one block at 0.
+FIRST_SAMPLER, SAMPLERS = 16, 16
+
+
+def spirv(vertex, fragment):
+    """Both stages as SPIR-V. What they leave open is laid out for both alike: locations, bindings, uniforms outside of blocks."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, f"shader.{stage}")
-        path.write_text(source)
-        made = Path(folder, "shader.spv")
-        run = subprocess.run(["glslangValidator", "-V", str(path), "-o", str(made)], capture_output=True, text=True)
+        for stage, source in (("vert", vertex), ("frag", fragment)):
+            Path(folder, f"shader.{stage}").write_text(source)
+        layout = ["-R", "--aml", "--amb", "--stb", str(FIRST_SAMPLER)]
+        run = subprocess.run(
+            ["glslangValidator", "-V", "-l", *layout, "shader.vert", "shader.frag"], cwd=folder, capture_output=True, text=True
+        )
         if run.returncode != 0:
             raise SystemExit(f"glslangValidator: {run.stdout}")
-        return made.read_bytes()
+        return [Path(folder, f"{stage}.spv").read_bytes() for stage in ("vert", "frag")]
+
+
+def for_vulkan(source):
+    """A shader for WebGL in the dialect that the compiler for Vulkan takes."""
+    return source.replace("#version 300 es", "#version 450", 1)
 
 
 class Compiler:
@@ -151,12 +164,13 @@ class Compiler:
         self.render_pass = vk.vkCreateRenderPass(
             self.device, vk.VkRenderPassCreateInfo(pAttachments=[color], pSubpasses=[subpass]), None
         )
-        kinds = [vk.VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, vk.VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER]
+        numbers = [0, 1, *range(FIRST_SAMPLER, FIRST_SAMPLER + SAMPLERS)]
+        kinds = [vk.VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER] + [vk.VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER] * (1 + SAMPLERS)
         bindings = [
             vk.VkDescriptorSetLayoutBinding(
                 binding=i, descriptorType=kind, descriptorCount=1, stageFlags=vk.VK_SHADER_STAGE_ALL_GRAPHICS
             )
-            for i, kind in enumerate(kinds)
+            for i, kind in zip(numbers, kinds)
         ]
         sets = vk.vkCreateDescriptorSetLayout(
             self.device, vk.VkDescriptorSetLayoutCreateInfo(pBindings=bindings), None
@@ -166,34 +180,39 @@ class Compiler:
             self.device, vk.VkPipelineLayoutCreateInfo(pSetLayouts=[sets], pPushConstantRanges=[camera]), None
         )
 
-    def assembly(self, vertex, fragment):
-        """Machine code as text, of both stages."""
+    def compiled(self, vertex, fragment):
+        """Of both stages, machine code as text and what the compiler says of it."""
         vk = self.vk
         stages = []
-        for source, stage, bit in [
-            (vertex, "vert", vk.VK_SHADER_STAGE_VERTEX_BIT),
-            (fragment, "frag", vk.VK_SHADER_STAGE_FRAGMENT_BIT),
-        ]:
-            code = spirv(source, stage)
+        bits = [vk.VK_SHADER_STAGE_VERTEX_BIT, vk.VK_SHADER_STAGE_FRAGMENT_BIT]
+        for code, bit in zip(spirv(vertex, fragment), bits):
             module = vk.vkCreateShaderModule(
                 self.device, vk.VkShaderModuleCreateInfo(codeSize=len(code), pCode=code), None
             )
             stages.append(vk.VkPipelineShaderStageCreateInfo(stage=bit, module=module, pName="main"))
-        inputs = {"uvec2 a_lightuv": vk.VK_FORMAT_R16G16_UINT, "float a_light;": vk.VK_FORMAT_R16_UNORM}
-        light = next((kind for name, kind in inputs.items() if name in vertex), vk.VK_FORMAT_R16G16_UNORM)
-        formats = [vk.VK_FORMAT_R32G32B32_SFLOAT, light]
+        vectors = [vk.VK_FORMAT_R32G32B32_SFLOAT]
+        inputs = {
+            "uvec2 a_lightuv": [vk.VK_FORMAT_R16G16_UINT],
+            "float a_light;": [vk.VK_FORMAT_R16_UNORM],
+            # Materials: normal, texture coordinate, light.
+            "vec2 _lightuv": [*vectors, vk.VK_FORMAT_R32G32_SFLOAT, vk.VK_FORMAT_R16G16_USCALED],
+            "vec3 normal": [*vectors, vk.VK_FORMAT_R32G32_SFLOAT, vk.VK_FORMAT_R16G16_UNORM],
+        }
+        formats = vectors + next((kinds for name, kinds in inputs.items() if name in vertex), [vk.VK_FORMAT_R16G16_UNORM])
         vertex_input = vk.VkPipelineVertexInputStateCreateInfo(
             pVertexBindingDescriptions=[
-                vk.VkVertexInputBindingDescription(binding=i, stride=[12, 4][i], inputRate=vk.VK_VERTEX_INPUT_RATE_VERTEX)
-                for i in (0, 1)
+                vk.VkVertexInputBindingDescription(binding=i, stride=16, inputRate=vk.VK_VERTEX_INPUT_RATE_VERTEX)
+                for i in range(len(formats))
             ],
             pVertexAttributeDescriptions=[
-                vk.VkVertexInputAttributeDescription(location=i, binding=i, format=formats[i], offset=0) for i in (0, 1)
+                vk.VkVertexInputAttributeDescription(location=i, binding=i, format=kind, offset=0)
+                for i, kind in enumerate(formats)
             ],
         )
         blend = vk.VkPipelineColorBlendAttachmentState(blendEnable=vk.VK_FALSE, colorWriteMask=15)
         information = vk.VkGraphicsPipelineCreateInfo(
-            flags=vk.VK_PIPELINE_CREATE_CAPTURE_INTERNAL_REPRESENTATIONS_BIT_KHR,
+            flags=vk.VK_PIPELINE_CREATE_CAPTURE_INTERNAL_REPRESENTATIONS_BIT_KHR
+            | vk.VK_PIPELINE_CREATE_CAPTURE_STATISTICS_BIT_KHR,
             pStages=stages,
             pVertexInputState=vertex_input,
             pInputAssemblyState=vk.VkPipelineInputAssemblyStateCreateInfo(
@@ -210,28 +229,41 @@ class Compiler:
             renderPass=self.render_pass,
         )
         [pipeline] = vk.vkCreateGraphicsPipelines(self.device, None, 1, [information], None)
-        return [self._code(pipeline, number) for number in (0, 1)]
+        return [(self._code(pipeline, number), self._statistics(pipeline, number)) for number in (0, 1)]
 
-    def _code(self, pipeline, number):
-        vk = self.vk
-        # The package's own wrapper asks for sizes and never for the texts.
+    def _ask(self, pipeline, number, what):
+        """What the driver knows of a stage, and the function and the question that it was asked by. The package's own wrapper asks
+        for sizes and never for texts."""
         from vulkan._vulkan import ffi, lib
 
-        name = "vkGetPipelineExecutableInternalRepresentationsKHR"
+        name = f"vkGetPipelineExecutable{what}sKHR"
         ask = ffi.cast(f"PFN_{name}", lib.vkGetDeviceProcAddr(self.device, name.encode()))
         which = ffi.new("VkPipelineExecutableInfoKHR*")
-        which.sType = vk.VK_STRUCTURE_TYPE_PIPELINE_EXECUTABLE_INFO_KHR
+        which.sType = self.vk.VK_STRUCTURE_TYPE_PIPELINE_EXECUTABLE_INFO_KHR
         which.pipeline, which.executableIndex = pipeline, number
         count = ffi.new("uint32_t*")
         ask(self.device, which, count, ffi.NULL)
-        found = ffi.new("VkPipelineExecutableInternalRepresentationKHR[]", count[0])
-        for representation in found:
-            representation.sType = vk.VK_STRUCTURE_TYPE_PIPELINE_EXECUTABLE_INTERNAL_REPRESENTATION_KHR
+        found = ffi.new(f"VkPipelineExecutable{what}KHR[]", count[0])
+        kind = {"Statistic": "STATISTIC", "InternalRepresentation": "INTERNAL_REPRESENTATION"}[what]
+        for answer in found:
+            answer.sType = getattr(self.vk, f"VK_STRUCTURE_TYPE_PIPELINE_EXECUTABLE_{kind}_KHR")
         ask(self.device, which, count, found)
+        return found, lambda: ask(self.device, which, count, found)
+
+    def _statistics(self, pipeline, number):
+        from vulkan._vulkan import ffi
+
+        found, _ = self._ask(pipeline, number, "Statistic")
+        return {ffi.string(statistic.name).decode(): statistic.value.u64 for statistic in found}
+
+    def _code(self, pipeline, number):
+        from vulkan._vulkan import ffi
+
+        found, ask = self._ask(pipeline, number, "InternalRepresentation")
         texts = [ffi.new("char[]", representation.dataSize) for representation in found]
         for representation, text in zip(found, texts):
             representation.pData = text
-        ask(self.device, which, count, found)
+        ask()
         for representation, text in zip(found, texts):
             if ffi.string(representation.name) == b"Assembly":
                 return ffi.string(text).decode()
@@ -254,24 +286,56 @@ def counted(assembly):
     return kinds
 
 
+def of_materials(folder):
+    """The programs of a folder by name: source of both stages."""
+    names = sorted(path.name.removesuffix(".vert.glsl") for path in Path(folder).glob("*.vert.glsl"))
+    if not names:
+        raise SystemExit(f"{folder} has no programs: node viewer/scenes/programs.mjs {folder}")
+    names.sort(key=lambda name: (name != "nothing", name))
+    return {name: [for_vulkan(Path(folder, f"{name}.{stage}.glsl").read_text()) for stage in ("vert", "frag")] for name in names}
+
+
+def print_table(head, rows):
+    print(f"| {' | '.join(head)} |")
+    print("|---" + "|---:" * (len(head) - 1) + "|")
+    for row in rows:
+        print(f"| {' | '.join(str(cell) for cell in row)} |")
+    print()
+
+
 def main():
-    for family in sys.argv[1:] or ["navi21"]:
+    families = sys.argv[1:]
+    programs = None
+    if "--programs" in families:
+        at = families.index("--programs")
+        programs = families[at + 1]
+        del families[at : at + 2]
+    for family in families or ["navi21"]:
         if os.environ.get("RADV_FORCE_FAMILY") != family:
             drivers = next(Path("/usr/share/vulkan/icd.d").glob("radeon_icd*.json"), None)
             if drivers is None:
                 raise SystemExit("no Vulkan driver for AMD GPUs: apt-get install mesa-vulkan-drivers")
             env = {"RADV_FORCE_FAMILY": family, "VK_DRIVER_FILES": drivers, "VK_ICD_FILENAMES": drivers}
-            subprocess.run([sys.executable, __file__, family], env={**os.environ, **env}, check=True)
+            again = [family] if programs is None else ["--programs", programs, family]
+            subprocess.run([sys.executable, __file__, *again], env={**os.environ, **env}, check=True)
             continue
         compiler = Compiler()
         print(f"{compiler.name}\n")
-        print("| way | vertex: vector | scalar | fragment: vector | varyings | fetches | scalar |")
-        print("|---|---:|---:|---:|---:|---:|---:|")
+        rows = []
         for name, (vertex, fragment) in WAYS.items():
-            v, f = (counted(code) for code in compiler.assembly(vertex, fragment))
-            cells = [v["vector"], v["scalar"], f["vector"], f["varyings"], f["fetches"], f["scalar"]]
-            print(f"| {name} | {' | '.join(str(cell) for cell in cells)} |")
-        print()
+            v, f = (counted(code) for code, _ in compiler.compiled(vertex, fragment))
+            rows.append([name, v["vector"], v["scalar"], f["vector"], f["varyings"], f["fetches"], f["scalar"]])
+        print_table(["way", "vertex: vector", "scalar", "fragment: vector", "varyings", "fetches", "scalar"], rows)
+        if programs is None:
+            continue
+        rows = []
+        for name, (vertex, fragment) in of_materials(programs).items():
+            (v, of_vertex), (f, of_fragment) = compiler.compiled(vertex, fragment)
+            v, f = counted(v), counted(f)
+            cycles = [statistics[kind] for statistics in (of_vertex, of_fragment) for kind in ("Inverse Throughput", "Latency")]
+            rows.append([name, v["vector"], v["scalar"], *cycles[:2], f["vector"], f["varyings"], f["fetches"], f["scalar"], *cycles[2:]])
+        head = ["way", "vertex: vector", "scalar", "cycles", "latency", "fragment: vector", "varyings", "fetches", "scalar", "cycles", "latency"]
+        print_table(head, rows)
 
 
 if __name__ == "__main__":

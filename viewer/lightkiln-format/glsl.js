@@ -64,14 +64,19 @@ export function vertexMain(layers) {
       rgb: `lightkilnRgb(${name})`,
       table: `lightkilnEntry(lightkilnTable${layer.index}, ${name})${layer.channels === 1 ? '.r' : ''}`,
     }
-    return `
-  vLightkilnColor${layer.index} = ${typeOf(layer)}(0.0);
-  if (lightkilnIsColor) vLightkilnColor${layer.index} = ${colorOf[layer.form]};`
+    // Arithmetic costs less than a branch around it; an entry is read where it is needed only.
+    const zero = `${typeOf(layer)}(0.0)`
+    return layer.form === 'table' ? `
+  vLightkilnColor${layer.index} = ${zero};
+  if (lightkilnIsColor) vLightkilnColor${layer.index} = ${colorOf[layer.form]};` : `
+  highp ${typeOf(layer)} lightkilnColor${layer.index} = ${colorOf[layer.form]};
+  vLightkilnColor${layer.index} = lightkilnIsColor ? lightkilnColor${layer.index} : ${zero};`
   })
   return `${layers.map((layer) => `
   vec2 ${code(layer)} = ${codeOf(layer)};`).join('')}
   bool lightkilnIsColor = ${first}.y >= ${float(COLOR_FLAG)};
-  vLightkilnPlace = lightkilnIsColor ? vec3(0.0) : vec3(${first} / (${float(SUBTEXELS)} * lightkilnPage), 1.0);
+  highp vec2 lightkilnPlace = ${first} / (${float(SUBTEXELS)} * lightkilnPage);
+  vLightkilnPlace = lightkilnIsColor ? vec3(0.0) : vec3(lightkilnPlace, 1.0);
 ${colors.join('')}`
 }
 
@@ -113,19 +118,40 @@ highp ${type} lightkilnUndo(highp ${type} unit, highp vec3 scale) {
 }`).join('')}`
 }
 
+/** Statements of the fragment stage, as two parts: see these. */
+export function fragmentMain(layers) {
+  return `${fragmentTexels(layers)}${fragmentLight(layers)}`
+}
+
 /**
- * Statements of the fragment stage: `lightkilnUnit<k>` is a layer as stored (the share of its `clamp`, if it has one),
+ * Its first part: asks for the texels, `lightkilnTexel<k>`. A GPU goes on until somebody uses them, so the more stands between the two
+ * parts, the less it waits.
+ */
+export function fragmentTexels(layers) {
+  const textured = layers.filter(({ pages }) => pages.length > 0)
+  if (textured.length === 0) return ''
+  const texel = ({ index }) => `lightkilnTexel${index}`
+  return `
+${textured.map((layer) => `  highp ${typeOf(layer)} ${texel(layer)} = ${typeOf(layer)}(0.0);`).join('\n')}
+  if (vLightkilnPlace.z > ${float(ETA_EPSILON)}) {
+${textured.map((layer) => {
+    const lookup = `lightkilnLookup${layer.pages.length === 1 ? 'Page' : ''}(lightkilnAtlas${layer.index})`
+    return `    ${texel(layer)} = ${lookup}${layer.channels === 1 ? '.r' : ''};`
+  }).join('\n')}
+  }`
+}
+
+/**
+ * Its second part: `lightkilnUnit<k>` is a layer as stored (the share of its `clamp`, if it has one),
  * `lightkiln<k>` in the signal's unit, both gray for scalar layers; `lightkilnOcclusion`, `lightkilnShadow` and `lightkilnIrradiance` are what the roles make of them.
  */
-export function fragmentMain(layers) {
+export function fragmentLight(layers) {
   const values = layers.map((layer) => {
-    const { index, channels, pages, clamp } = layer
+    const { index, pages, clamp } = layer
     const [stored, scale] = [`lightkilnStored${index}`, `lightkilnScale${index}`]
-    const lookup = `lightkilnLookup${pages.length === 1 ? 'Page' : ''}(lightkilnAtlas${index})${channels === 1 ? '.r' : ''}`
     const light = isLogarithmic(layer) ? `lightkilnUndo(${stored}, ${scale})` : `${scale}.x + ${stored} * ${scale}.y`
     return `
-  highp ${typeOf(layer)} ${stored} = vLightkilnColor${index};
-  ${pages.length === 0 ? '' : `if (lightkilnIsTextured) ${stored} += vLightkilnPlace.z * ${lookup};`}
+  highp ${typeOf(layer)} ${stored} = vLightkilnColor${index}${pages.length === 0 ? '' : ` + vLightkilnPlace.z * lightkilnTexel${index}`};
   highp vec3 lightkilnUnit${index} = vec3(${stored});
   highp vec3 lightkiln${index} = vec3(${light});${clampStatements(index, clamp)}`
   })
@@ -139,7 +165,6 @@ export function fragmentMain(layers) {
     return ''
   })
   return `
-  bool lightkilnIsTextured = vLightkilnPlace.z > ${float(ETA_EPSILON)};
   float lightkilnOcclusion = 1.0;
   float lightkilnShadow = 1.0;
   vec3 lightkilnIrradiance = vec3(0.0);

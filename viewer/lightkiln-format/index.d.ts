@@ -156,6 +156,10 @@ export function vertexDeclarations(layers: UsedLayer[]): string
 export function vertexMain(layers: UsedLayer[]): string
 export function fragmentDeclarations(layers: UsedLayer[]): string
 export function fragmentMain(layers: UsedLayer[]): string
+/** The first part of `fragmentMain`: asks for texels. The more stands between the two parts, the less a GPU waits. */
+export function fragmentTexels(layers: UsedLayer[]): string
+/** The second part of `fragmentMain`: what the layers show, and what their roles make of it. */
+export function fragmentLight(layers: UsedLayer[]): string
 /** Which coefficient of the harmonics a layer is, or null. */
 export function harmonic(layer: { signal: string }): number | null
 export function harmonicIrradiance(layers: UsedLayer[]): string

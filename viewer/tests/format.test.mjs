@@ -92,6 +92,7 @@ test('clamp comes after interpolation', () => {
     near(shown(b), expected, 1e-4)
   }
   const used = { ...read(layer), role: 'shadow', atlas: null, palette: null }
+  assert.equal(format.fragmentMain([used]), format.fragmentTexels([used]) + format.fragmentLight([used]))
   assert.match(format.fragmentMain([used]), /lightkiln0 = clamp\(lightkiln0, 0\.0, 1\.0\);/)
   assert.doesNotMatch(format.fragmentMain([{ ...used, clamp: null }]), /clamp\(lightkiln0/)
   assert.notEqual(format.shaderKey([used], null), format.shaderKey([{ ...used, clamp: null }], null))

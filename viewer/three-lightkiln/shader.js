@@ -1,7 +1,7 @@
 // The eta-blend as additions to three's own materials (Schaefer et al. 2012, section 4.3).
 //
-// The light is evaluated, by the GLSL of lightkiln-format, where `main` begins, so that it is there for every chunk that
-// follows, and used where three's lights are summed up:
+// By the GLSL of lightkiln-format its texels are asked for where `main` begins, and it is evaluated and used where three's lights are
+// summed up, so that a GPU need not wait for them in between:
 //
 //   live direct light     * shadow
 //   live indirect light   * occlusion       as three does it with an aoMap
@@ -10,18 +10,18 @@
 //                                           (harmonics: for the normal of the pixel)
 //                         * aoMap           the material's own, in three's chunk behind ours
 
-import { fragmentDeclarations, fragmentMain, harmonicIrradiance, vertexDeclarations, vertexMain } from 'lightkiln-format'
+import { fragmentDeclarations, fragmentLight, fragmentTexels, harmonicIrradiance, vertexDeclarations, vertexMain } from 'lightkiln-format'
 
 /** Adds the light to the two stages of a material of three. */
 export function shaderStages(shader, layers, view) {
   shader.vertexShader = beginMain(shader.vertexShader, vertexDeclarations(layers), vertexMain(layers))
   const declarations = `${fragmentDeclarations(layers)}\nuniform mat3 lightkilnFromWorld;`
-  let fragment = beginMain(shader.fragmentShader, declarations, fragmentMain(layers))
+  let fragment = beginMain(shader.fragmentShader, declarations, fragmentTexels(layers))
   const uses = (role) => layers.some((layer) => layer.role === role)
   if (fragment.includes('#include <lights_fragment_end>')) {
-    fragment = after(fragment, '#include <lights_fragment_end>', lighting(uses, layers))
+    fragment = after(fragment, '#include <lights_fragment_end>', `${fragmentLight(layers)}\n${lighting(uses, layers)}`)
   } else {
-    fragment = before(fragment, '#include <aomap_fragment>', basicLighting(uses))
+    fragment = before(fragment, '#include <aomap_fragment>', `${fragmentLight(layers)}\n${basicLighting(uses)}`)
   }
   if (view !== null) fragment = after(fragment, '#include <dithering_fragment>', viewed(view))
   shader.fragmentShader = fragment
