@@ -24,7 +24,7 @@ use lightkiln_scene::Profile;
 use lightkiln_texel::{Atlas, ChartTexels, StitchOptions, StitchReport, compose, lift, stitch};
 
 use crate::authored::{self, OwnResolution};
-use crate::borders::border_holds;
+use crate::borders::{Borders, PLACES_WEIGHT};
 use crate::clock::Clock;
 use crate::layers::{Layers, UnitLight};
 use crate::options::{FILTER_RADIUS, GUTTER_TEXELS, Plan};
@@ -267,11 +267,13 @@ fn show(
         shown_charts.add(&kept.regions[region]);
     }
     let ShownCharts { charts, texels, mut values, valid, variances, shaded, rays } = shown_charts;
-    let holds = border_holds(surface, is_texture, &charts, &lit.values, channels);
+    let (adjacency, fans) = (&surface.adjacency, &surface.fans);
+    let holds = Borders { mesh, adjacency, fans, is_texture }.holds(&charts, &lit.values, channels);
     let options = StitchOptions {
         holds: &holds,
         valid: Some(&valid),
         variances: Some(&variances),
+        vertex_weight: PLACES_WEIGHT,
         range: [0.0, 1.0],
         ..StitchOptions::default()
     };
