@@ -1,15 +1,15 @@
 // The eta-blend as a plugin of Babylon's PBRMaterial.
 //
-// Light is evaluated, by the GLSL of lightkiln-format, where `main` begins. Occlusion joins Babylon's own
-// (`ambientTexture`), which dims the environment and not the lamps; irradiance (harmonics: for the normal of the pixel) is
-// added to the diffuse light, dimmed by the material's own occlusion and not by ours; shadow dims all lamps.
+// By the GLSL of lightkiln-format texels are asked for where `main` begins, and light is evaluated before Babylon's own. Occlusion
+// joins Babylon's own (`ambientTexture`), which dims the environment and not the lamps; irradiance (harmonics: for the normal of the
+// pixel) is added to the diffuse light, dimmed by the material's own occlusion and not by ours; shadow dims all lamps.
 //
 // Materials are shared by meshes with and without light: the define LIGHTKILN is per mesh.
 
 import { MaterialPluginBase } from '@babylonjs/core/Materials/materialPluginBase.js'
 import { Vector3 } from '@babylonjs/core/Maths/math.vector.js'
 import {
-  attributeName, fragmentDeclarations, fragmentMain, harmonicIrradiance, shaderKey, vertexDeclarations, vertexMain,
+  attributeName, fragmentDeclarations, fragmentLight, fragmentTexels, harmonicIrradiance, shaderKey, vertexDeclarations, vertexMain,
 } from 'lightkiln-format'
 
 const onlyWithLight = (code) => `#ifdef LIGHTKILN\n${code}\n#endif\n`
@@ -101,7 +101,8 @@ export class LightkilnMaterialPlugin extends MaterialPluginBase {
     const viewed = this.#viewed()
     return {
       CUSTOM_FRAGMENT_DEFINITIONS: onlyWithLight(`${fragmentDeclarations(layers)}\nuniform mat3 lightkilnFromWorld;`),
-      CUSTOM_FRAGMENT_MAIN_BEGIN: onlyWithLight(fragmentMain(layers)),
+      CUSTOM_FRAGMENT_MAIN_BEGIN: onlyWithLight(fragmentTexels(layers)),
+      CUSTOM_FRAGMENT_BEFORE_LIGHTS: onlyWithLight(fragmentLight(layers)),
       ...lighting(layers),
       // Babylon asks once which points there are, so this one is always named.
       CUSTOM_FRAGMENT_BEFORE_FRAGCOLOR: onlyWithLight(
