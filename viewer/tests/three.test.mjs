@@ -71,6 +71,23 @@ test('the canvas shows stored light in 8 bits', async () => {
   quiet()
 })
 
+test('stored light can be looked at in a material that sums up no lights, and a warning says what is missing', async () => {
+  const bytes = baked('contact')
+  const scene = await readScene(bytes)
+  await load(bytes)
+  await change(`gltf.scene.traverse((mesh) => {
+    if (!mesh.isMesh) return
+    mesh.material = new THREE.MeshMatcapMaterial()
+    gltf.userData.lightkiln.apply(mesh)
+  })`)
+  await view('ambientOcclusion')
+  const camera = cameraFor(scene.triangles, VIEWS[0])
+  const shown = (await canvas(camera)).map((x) => x / 255)
+  assert.equal(compare(visible(scene.triangles, camera), scene.layers[0], shown, STEP).over, 0)
+  const said = complaints.splice(0)
+  assert.ok(said.length > 0 && said.every((line) => line.includes('no #include <aomap_fragment>')), said.join('\n'))
+})
+
 const LIGHTS = `
   const environment = new THREE.Scene()
   environment.background = new THREE.Color(0.4, 0.6, 0.9)

@@ -10,19 +10,22 @@
 //                                           (harmonics: for the normal of the pixel)
 //                         * aoMap           the material's own, in three's chunk behind ours
 
-import { fragmentDeclarations, fragmentLight, fragmentTexels, harmonicIrradiance, vertexDeclarations, vertexMain } from 'lightkiln-format'
+import { fragmentDeclarations, fragmentLight, fragmentMain, fragmentTexels, harmonicIrradiance, vertexDeclarations, vertexMain } from 'lightkiln-format'
+
+/** Where lights are summed up: in materials that are lit, and in others. */
+const [LIT, UNLIT] = ['#include <lights_fragment_end>', '#include <aomap_fragment>']
 
 /** Adds the light to the two stages of a material of three. */
 export function shaderStages(shader, layers, view) {
   shader.vertexShader = beginMain(shader.vertexShader, vertexDeclarations(layers), vertexMain(layers))
   const declarations = `${fragmentDeclarations(layers)}\nuniform mat3 lightkilnFromWorld;`
-  let fragment = beginMain(shader.fragmentShader, declarations, fragmentTexels(layers))
   const uses = (role) => layers.some((layer) => layer.role === role)
-  if (fragment.includes('#include <lights_fragment_end>')) {
-    fragment = after(fragment, '#include <lights_fragment_end>', `${fragmentLight(layers)}\n${lighting(uses, layers)}`)
-  } else {
-    fragment = before(fragment, '#include <aomap_fragment>', `${fragmentLight(layers)}\n${basicLighting(uses)}`)
-  }
+  const sum = [LIT, UNLIT].find((include) => shader.fragmentShader.includes(include))
+  // Where there is no sum, the values can be looked at all the same.
+  const [early, late] = sum ? [fragmentTexels(layers), `${fragmentLight(layers)}\n`] : [fragmentMain(layers), '']
+  let fragment = beginMain(shader.fragmentShader, declarations, early)
+  if (sum === LIT) fragment = after(fragment, LIT, `${late}${lighting(uses, layers)}`)
+  else fragment = before(fragment, UNLIT, `${late}${basicLighting(uses)}`)
   if (view !== null) fragment = after(fragment, '#include <dithering_fragment>', viewed(view))
   shader.fragmentShader = fragment
 }
