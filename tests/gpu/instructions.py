@@ -9,6 +9,7 @@ one, with the cycles that the compiler's model of the GPU reckons with. Needs gl
 package vulkan.
 """
 
+import argparse
 import os
 import subprocess
 import sys
@@ -304,13 +305,12 @@ def print_table(head, rows):
 
 
 def main():
-    families = sys.argv[1:]
-    programs = None
-    if "--programs" in families:
-        at = families.index("--programs")
-        programs = families[at + 1]
-        del families[at : at + 2]
-    for family in families or ["navi21"]:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--programs", metavar="DIR")
+    parser.add_argument("families", metavar="GPU", nargs="*", default=["navi21"])
+    arguments = parser.parse_args()
+    programs = arguments.programs
+    for family in arguments.families:
         if os.environ.get("RADV_FORCE_FAMILY") != family:
             drivers = next(Path("/usr/share/vulkan/icd.d").glob("radeon_icd*.json"), None)
             if drivers is None:
